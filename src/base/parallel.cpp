@@ -1,0 +1,97 @@
+#include "base/parallel.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <mutex>
+
+#include "base/check.h"
+
+namespace nmp {
+namespace {
+
+std::atomic<int> wanted_threads{0};  // 0: the OpenMP default
+
+thread_local bool inside_chunk = false;
+
+// Marks the calling thread as inside a range, so that a nested call does not fork.
+class InsideChunk {
+ public:
+  InsideChunk() : before_(inside_chunk) { inside_chunk = true; }
+  ~InsideChunk() { inside_chunk = before_; }
+  InsideChunk(const InsideChunk&) = delete;
+  InsideChunk& operator=(const InsideChunk&) = delete;
+
+ private:
+  bool before_;
+};
+
+// The exception of the lowest range that failed so far.
+class FirstFailure {
+ public:
+  void keep(std::ptrdiff_t range, std::exception_ptr error) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (error_ && range_ < range) return;
+    range_ = range;
+    error_ = std::move(error);
+  }
+  void rethrow() const {
+    if (error_) std::rethrow_exception(error_);
+  }
+
+ private:
+  std::mutex mutex_;
+  std::ptrdiff_t range_ = 0;
+  std::exception_ptr error_;
+};
+
+}  // namespace
+
+void set_threads(int n) {
+  NMP_CHECK(n >= 0, text("the number of threads must be >= 0, got ", n));
+  wanted_threads = n;
+}
+
+int threads() {
+  const int wanted = wanted_threads;
+  return wanted > 0 ? wanted : omp_get_max_threads();
+}
+
+namespace detail {
+
+void run_chunks(std::ptrdiff_t n, std::ptrdiff_t chunk, void* body, ChunkFunction call) {
+  NMP_CHECK(n >= 0, text("the number of items must be >= 0, got ", n));
+  NMP_CHECK(chunk > 0, text("the chunk must be > 0 items, got ", chunk));
+  if (n == 0) return;
+  if (n <= chunk) {
+    const InsideChunk inside;
+    call(body, 0, n);
+    return;
+  }
+
+  const std::ptrdiff_t n_ranges = n / chunk + (n % chunk != 0 ? 1 : 0);
+  FirstFailure failure;
+  const auto run_range = [&](std::ptrdiff_t range) {
+    const InsideChunk inside;
+    const std::ptrdiff_t begin = range * chunk;
+    try {
+      call(body, begin, begin + std::min(chunk, n - begin));
+    } catch (...) {
+      failure.keep(range, std::current_exception());
+    }
+  };
+
+  const int team = static_cast<int>(std::min<std::ptrdiff_t>(threads(), n_ranges));
+  if (team == 1 || inside_chunk || omp_in_parallel()) {
+    for (std::ptrdiff_t range = 0; range < n_ranges; ++range) run_range(range);
+  } else {
+#pragma omp parallel for schedule(dynamic) num_threads(team)
+    for (std::ptrdiff_t range = 0; range < n_ranges; ++range) run_range(range);
+  }
+  failure.rethrow();
+}
+
+}  // namespace detail
+}  // namespace nmp

@@ -1,0 +1,69 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <new>
+
+/// Portable SIMD: the compiler's vector types, as wide as the instruction set that it builds for.
+/// Wider ones than the machine has are split by the compiler, with the same bits.
+
+#if defined(__clang__)
+#define NMP_UNROLL _Pragma("unroll")
+#else
+#define NMP_UNROLL _Pragma("GCC unroll 32")
+#endif
+
+namespace nmp {
+
+#if defined(__AVX512F__)
+constexpr std::size_t kSimdBytes = 64;
+constexpr int kSimdRegisters = 32;
+#elif defined(__AVX__)
+constexpr std::size_t kSimdBytes = 32;
+constexpr int kSimdRegisters = 16;
+#else
+constexpr std::size_t kSimdBytes = 16;
+constexpr int kSimdRegisters = 16;
+#endif
+
+template <class Real>
+struct Simd;
+template <>
+struct Simd<float> {
+  using Vector = float __attribute__((vector_size(kSimdBytes)));
+  /// The same for memory that is aligned for one element only.
+  using Unaligned = float __attribute__((vector_size(kSimdBytes), aligned(4), may_alias));
+};
+template <>
+struct Simd<double> {
+  using Vector = double __attribute__((vector_size(kSimdBytes)));
+  using Unaligned = double __attribute__((vector_size(kSimdBytes), aligned(8), may_alias));
+};
+
+/// Elements of a vector.
+template <class Real>
+constexpr int kLanes = static_cast<int>(kSimdBytes / sizeof(Real));
+
+/// 64-byte aligned memory that grows and is never handed back: for thread_local workspaces.
+template <class T>
+class Workspace {
+ public:
+  /// At least `n` elements; their content is undefined.
+  T* get(std::size_t n) {
+    if (n > size_) {
+      memory_.reset();
+      memory_.reset(static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64))));
+      size_ = n;
+    }
+    return memory_.get();
+  }
+
+ private:
+  struct Release {
+    void operator()(T* memory) const { ::operator delete(memory, std::align_val_t(64)); }
+  };
+  std::unique_ptr<T, Release> memory_;
+  std::size_t size_ = 0;
+};
+
+}  // namespace nmp

@@ -1,0 +1,4 @@
+#pragma once
+
+#include "base/check.h"
+#include "fem/tet_mesh.h"

@@ -1,0 +1,4 @@
+#pragma once
+
+#include "autodiff/tape.h"
+#include "fem/tet_mesh.h"
