@@ -1,0 +1,34 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "autodiff/parameter.h"
+#include "autodiff/tape.h"
+#include "base/random.h"
+#include "nn/parameter_list.h"
+
+namespace nmp::nn {
+
+/// y = x W^T + b.   x #rows x n_in  ->  #rows x n_out
+template <class Real>
+class Linear {
+ public:
+  /// W by Xavier's uniform rule, U(-a, a) with a = sqrt(6 / (n_in + n_out)); b zero.
+  /// @param name  parameters are called name + ".W" and name + ".b"
+  Linear(const std::string& name, Index n_in, Index n_out, bool bias, const Random& random);
+
+  ad::Var<Real> operator()(ad::Var<Real> x) const;
+
+  ParameterList<Real> parameters();
+  ad::Parameter<Real>& W() { return W_; }
+  const ad::Parameter<Real>& W() const { return W_; }
+  /// Null without a bias.
+  ad::Parameter<Real>* b() { return b_ ? &*b_ : nullptr; }
+
+ private:
+  ad::Parameter<Real> W_;                 // n_out x n_in
+  std::optional<ad::Parameter<Real>> b_;  // 1 x n_out
+};
+
+}  // namespace nmp::nn

@@ -1,0 +1,35 @@
+#include "nn/mlp.h"
+
+#include "autodiff/ops_dense.h"
+
+namespace nmp::nn {
+
+template <class Real>
+Mlp<Real>::Mlp(const std::string& name, const std::vector<Index>& widths, bool bias,
+               const Random& random) {
+  NMP_CHECK(widths.size() >= 2, "an MLP needs at least an input and an output width");
+  for (std::size_t i = 0; i + 1 < widths.size(); ++i)
+    layers_.emplace_back(name + "." + std::to_string(i), widths[i], widths[i + 1], bias, random);
+}
+
+template <class Real>
+ad::Var<Real> Mlp<Real>::operator()(ad::Var<Real> x) const {
+  for (std::size_t i = 0; i < layers_.size(); ++i) {
+    x = layers_[i](x);
+    if (i + 1 < layers_.size()) x = ad::silu(x);
+  }
+  return x;
+}
+
+template <class Real>
+ParameterList<Real> Mlp<Real>::parameters() {
+  ParameterList<Real> list;
+  for (auto& layer : layers_)
+    for (auto* p : layer.parameters()) list.push_back(p);
+  return list;
+}
+
+template class Mlp<float>;
+template class Mlp<double>;
+
+}  // namespace nmp::nn
