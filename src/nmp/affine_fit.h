@@ -1,0 +1,32 @@
+#pragma once
+
+#include <vector>
+
+#include "nmp/dataset.h"
+
+namespace nmp {
+
+/// alpha [m3/kg] and b [m/s2] of dv = h (alpha f_int / V + b).
+struct AffineFit {
+  double alpha = 0;
+  Vec3<double> b{0, 0, 0};
+  double residual =
+      0;  // rms of what the fit leaves of a window's velocity change, per h and frame [m/s2]
+  Index n_equations = 0;
+};
+
+/// Closed-form least squares on windows of `window` frames (design.md section 9, integral
+/// supervision): along the true states,
+///   v_{t+n} - v_t = sum_{k<n} dv_{t+k} + s (dv_{t+n} - dv_t),
+/// for every window of every trajectory and every vertex. Pinned vertices are left out, and the
+/// vertical component of vertices that touch the ground inside the window.
+/// @throws InputError  if the trajectories hold no f_int or are shorter than the window;
+///         NumericalError if the forces do not determine alpha
+AffineFit fit_affine(const Dataset& dataset, const std::vector<const Trajectory*>& trajectories,
+                     Index window, double stagger);
+
+/// True where a vertex is on the ground or so near that it may touch it within two frames.
+std::vector<char> touching(const Manifest& manifest, const ConstView<double>& x,
+                           const ConstView<double>& v);
+
+}  // namespace nmp

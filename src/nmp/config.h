@@ -1,0 +1,100 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "autodiff/types.h"
+#include "base/check.h"
+
+namespace nmp {
+
+/// A TOML file read strictly: every key must be asked for by the program, or it is an error with
+/// its line and the nearest known name. Overrides ("table.key=value", the value in TOML's syntax,
+/// or a bare word for a string) replace or add keys before anything is read.
+///
+///     ConfigReader config = ConfigReader::parse(text, "cube.toml", {"time.frames=200"});
+///     scene.frames = config.integer("time.frames", 1000, 1, 100'000'000);
+///     config.finish();
+///
+/// Errors are ConfigError with file:line:column (or "--set"), what was expected and what was found.
+class ConfigReader {
+ public:
+  /// @param name  stands in messages; text of at most 1 MB, nested at most 64 deep
+  static ConfigReader parse(const std::string& text, const std::string& name,
+                            const std::vector<std::string>& overrides = {});
+  ~ConfigReader();
+  ConfigReader(ConfigReader&&) noexcept;
+
+  bool has(const std::string& key) const;
+  /// The value at a dotted key, or `fallback` if it is absent; outside [low, high] is an error.
+  double number(const std::string& key, double fallback, double low, double high);
+  /// A number, or the word "none".
+  std::optional<double> number_or_none(const std::string& key, std::optional<double> fallback,
+                                       double low, double high);
+  std::int64_t integer(const std::string& key, std::int64_t fallback, std::int64_t low,
+                       std::int64_t high);
+  bool boolean(const std::string& key, bool fallback);
+  std::string word(const std::string& key, const std::string& fallback);
+  /// One of `allowed`; the error lists them.
+  std::string choice(const std::string& key, const std::string& fallback,
+                     const std::vector<std::string>& allowed);
+  /// Three numbers.
+  Vec3<double> vector(const std::string& key, const Vec3<double>& fallback);
+  std::vector<std::int64_t> integers(const std::string& key,
+                                     const std::vector<std::int64_t>& fallback, std::int64_t low,
+                                     std::int64_t high);
+
+  /// @throws ConfigError  at the first key of the file that nobody has asked for
+  void finish() const;
+  /// @throws ConfigError  at the place of `key`, if it is given, with what is wrong about it
+  [[noreturn]] void fail(const std::string& key, const std::string& what) const;
+
+ private:
+  struct State;
+  explicit ConfigReader(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+/// Writes what ConfigReader reads. It has the reader's functions; each writes `fallback` and
+/// returns it, so that one list of keys serves both directions. Keys of a table must follow each
+/// other, those without a table come first.
+class ConfigWriter {
+ public:
+  double number(const std::string& key, double value, double low, double high);
+  std::optional<double> number_or_none(const std::string& key, std::optional<double> value,
+                                       double low, double high);
+  std::int64_t integer(const std::string& key, std::int64_t value, std::int64_t low,
+                       std::int64_t high);
+  bool boolean(const std::string& key, bool value);
+  std::string word(const std::string& key, const std::string& value);
+  std::string choice(const std::string& key, const std::string& value,
+                     const std::vector<std::string>& allowed);
+  Vec3<double> vector(const std::string& key, const Vec3<double>& value);
+  std::vector<std::int64_t> integers(const std::string& key, const std::vector<std::int64_t>& value,
+                                     std::int64_t low, std::int64_t high);
+
+  const std::string& text() const { return text_; }
+
+ private:
+  void write(const std::string& key, const std::string& value);
+  std::string text_, table_;
+};
+
+/// The text of a configuration: the one that ships under `name`, or else a file. A path with a
+/// folder ("./cube") is always a file.
+/// @param shipped  text of the one that ships under this name, or nullptr
+/// @throws ConfigError  listing `shipped_names` if there is no such file; IoError
+std::string read_config_text(const std::string& name, const char* shipped, const std::string& kind,
+                             const std::vector<std::string>& shipped_names);
+
+/// The name in `known` with the smallest edit distance to `word`; empty if none is near.
+std::string nearest_name(const std::string& word, const std::vector<std::string>& known);
+
+/// The shortest decimal that reads back as the same double, in any locale.
+std::string decimal(double value);
+
+}  // namespace nmp

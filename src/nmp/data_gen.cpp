@@ -1,0 +1,252 @@
+#include "nmp/data_gen.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <utility>
+
+#include "base/check.h"
+#include "base/parallel.h"
+#include "fem/lane_simulator.h"
+#include "fem/stability.h"
+#include "nmp/config.h"
+
+namespace nmp {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kPerThread = 8;    // trajectories at a time: the lanes of LaneSimulator
+constexpr std::size_t kMaxThreads = 16;  // each keeps that many files open
+constexpr std::size_t kMaxScene = 1u << 20;
+
+struct Job {
+  const char* split;
+  Index index;
+  RecordInfo* record;
+};
+
+std::string record_name(const char* split, Index index) {
+  char digits[32];
+  std::snprintf(digits, sizeof digits, "%03lld", static_cast<long long>(index));
+  return text(split, "/", digits, ".safetensors");
+}
+
+// Names that record_name gives out.
+bool is_record_name(const std::string& name) {
+  const std::size_t dot = name.find('.');
+  return dot != std::string::npos && dot >= 3 && name.substr(dot) == ".safetensors" &&
+         std::all_of(name.begin(), name.begin() + static_cast<std::ptrdiff_t>(dot),
+                     [](char c) { return c >= '0' && c <= '9'; });
+}
+
+// The scene that a folder was begun with, as to_toml writes it; empty if there is none to be read.
+std::string scene_of(const Path& folder) {
+  const Path path = folder / "scene.toml";
+  if (!fs::exists(path)) return "";
+  try {
+    return to_toml(parse_scene(read_text(path, kMaxScene), path.string()));
+  } catch (const ConfigError&) {
+    return "";
+  }
+}
+
+void remove_dataset(const Path& folder) {
+  fs::remove(folder / "manifest.json");
+  for (const char* split : {"train", "val"}) {
+    if (!fs::is_directory(folder / split)) continue;
+    for (const auto& entry : fs::directory_iterator(folder / split)) {
+      if (is_record_name(entry.path().filename().string())) fs::remove(entry.path());
+    }
+  }
+  fs::remove(folder / "mesh.safetensors");
+  fs::remove(folder / "scene.toml");
+}
+
+// Makes the folder the scene's: new, empty, begun with the same scene, or emptied.
+void claim_folder(const Path& folder, const std::string& scene_toml, bool force) {
+  const bool holds_something = fs::exists(folder) && !fs::is_empty(folder);
+  if (!holds_something || scene_of(folder) != scene_toml) {
+    if (holds_something && !force) {
+      throw ConfigError(text(
+          folder.string(), ": holds ",
+          fs::exists(folder / "scene.toml") ? "data of another scene" : "files that are no dataset",
+          "; choose another folder, or --force to start over"));
+    }
+    if (holds_something) remove_dataset(folder);
+    fs::create_directories(folder);
+    write_text(folder / "scene.toml", scene_toml);
+  }
+  fs::create_directories(folder / "train");
+  fs::create_directories(folder / "val");
+}
+
+std::vector<RecordInfo> make_records(const Scene& scene, const char* split, Index n) {
+  std::vector<RecordInfo> records;
+  for (Index i = 0; i < n; ++i) {
+    records.push_back({record_name(split, i), trajectory_seed(scene, split, i), scene.frames, ""});
+  }
+  return records;
+}
+
+// The checksum that an earlier manifest has for a file; empty if it has none.
+std::string recorded_checksum(const Manifest& manifest, const std::string& name) {
+  for (const auto* records : {&manifest.train, &manifest.validation}) {
+    for (const RecordInfo& record : *records) {
+      if (record.name == name) return record.checksum;
+    }
+  }
+  return "";
+}
+
+// Takes over a file that an earlier run made whole. Sets the record's checksum.
+bool keep(const Path& path, const std::string& scene_hash, const std::string& checksum,
+          Index n_vertices, RecordInfo& record) {
+  if (!fs::exists(path)) return false;
+  try {
+    const TensorFile file = TensorFile::open(path);
+    const Trajectory trajectory(path, record, n_vertices);
+    if (!trajectory.has_force() || file.metadata("seed") != std::to_string(record.seed) ||
+        file.metadata("scene") != scene_hash) {
+      return false;
+    }
+  } catch (const InputError&) {
+    return false;
+  }
+  const std::string found = hash_file(path);
+  if (!checksum.empty() && found != checksum) return false;
+  record.checksum = found;
+  return true;
+}
+
+// What a group of jobs reports after each frame: true to go on.
+using FrameDone = std::function<bool()>;
+
+// Simulates and writes a group of trajectories side by side. False if it was stopped.
+bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& folder,
+              const std::string& scene_hash, const std::vector<Job>& group,
+              const FrameDone& frame_done) {
+  const auto n = static_cast<Index>(group.size());
+  fem::LaneSimulator simulator(mesh, scene.physics, scene.dt, n);
+  std::vector<std::unique_ptr<TrajectoryWriter>> writers;
+  for (Index k = 0; k < n; ++k) {
+    const Job& job = group[static_cast<std::size_t>(k)];
+    simulator.set_state(k, initial_state(scene, mesh, job.split, job.index));
+    writers.push_back(std::make_unique<TrajectoryWriter>(folder / job.record->name, scene.frames,
+                                                         mesh.n_vertices(), job.record->seed,
+                                                         scene.h(), scene_hash));
+  }
+  for (Index t = 0; t <= scene.frames; ++t) {
+    if (t > 0) simulator.advance(scene.substeps);
+    for (Index k = 0; k < n; ++k) {
+      const fem::State<double> state = simulator.state(k);
+      writers[static_cast<std::size_t>(k)]->write(t, state.x, state.v, simulator.internal_force(k));
+    }
+    if (t > 0 && !frame_done()) return false;
+  }
+  for (std::size_t k = 0; k < group.size(); ++k) group[k].record->checksum = writers[k]->commit();
+  return true;
+}
+
+}  // namespace
+
+Manifest generate_dataset(const Scene& scene, const Path& folder, const DataGenOptions& options) {
+  const auto warn = [&](const std::string& message) {
+    if (options.warn) options.warn(message);
+  };
+
+  // 1. The body, the folder, and what it will hold.
+  const fem::TetMesh<double> mesh = make_mesh(scene);
+  const std::string scene_toml = to_toml(scene);
+  const std::string scene_hash = hex(hash_bytes(scene_toml.data(), scene_toml.size()));
+  claim_folder(folder, scene_toml, options.force);
+
+  Manifest manifest;
+  manifest.scene_name = scene.name;
+  manifest.scene_toml = scene_toml;
+  manifest.physics = scene.physics;
+  manifest.dt = scene.dt;
+  manifest.substeps = scene.substeps;
+  manifest.h = scene.h();
+  manifest.frames = scene.frames;
+  manifest.n_vertices = mesh.n_vertices();
+  manifest.n_tets = mesh.n_tets();
+  manifest.seed = scene.seed;
+  manifest.train = make_records(scene, "train", scene.train);
+  manifest.validation = make_records(scene, "val", scene.validation);
+
+  // 2. What an earlier run has left to do.
+  const Path manifest_path = folder / "manifest.json";
+  Manifest earlier;
+  try {
+    if (fs::exists(manifest_path)) earlier = read_manifest(manifest_path);
+  } catch (const InputError&) {
+    warn(text(manifest_path.string(), ": is damaged and is made again"));
+  }
+  std::vector<Job> jobs;
+  const auto plan = [&](const char* split, std::vector<RecordInfo>& records) {
+    for (std::size_t i = 0; i < records.size(); ++i) {
+      const Path path = folder / records[i].name;
+      if (keep(path, scene_hash, recorded_checksum(earlier, records[i].name), mesh.n_vertices(),
+               records[i])) {
+        continue;
+      }
+      if (fs::exists(path)) warn(text(path.string(), ": is damaged and is made again"));
+      jobs.push_back({split, static_cast<Index>(i), &records[i]});
+    }
+  };
+  plan("train", manifest.train);
+  plan("val", manifest.validation);
+  if (!jobs.empty()) fs::remove(manifest_path);  // a folder with a manifest is complete
+
+  const Path mesh_path = folder / "mesh.safetensors";
+  write_mesh(mesh_path, mesh, scene.physics.pinned);
+  manifest.mesh_checksum = hash_file(mesh_path);
+
+  if (!jobs.empty()) {
+    const std::string warning =
+        fem::stability_warning(mesh, scene.physics.material, scene.physics.pinned, scene.dt);
+    if (!warning.empty()) warn("time.dt: " + warning);
+  }
+
+  // 3. The trajectories, a group at a time.
+  const double n_frames =
+      static_cast<double>(scene.train + scene.validation) * static_cast<double>(scene.frames);
+  double done = n_frames - static_cast<double>(jobs.size()) * static_cast<double>(scene.frames);
+  bool stopped = false;
+  const std::size_t n_group =
+      kPerThread * std::min(static_cast<std::size_t>(threads()), kMaxThreads);
+  for (std::size_t first = 0; first < jobs.size() && !stopped; first += n_group) {
+    const std::size_t last = std::min(first + n_group, jobs.size());
+    const std::vector<Job> group(jobs.begin() + static_cast<std::ptrdiff_t>(first),
+                                 jobs.begin() + static_cast<std::ptrdiff_t>(last));
+    const auto frame_done = [&] {
+      done += static_cast<double>(group.size());
+      if (options.progress) options.progress(done / n_frames);
+      return !(options.stop && options.stop());
+    };
+    try {
+      stopped = !simulate(scene, mesh, folder, scene_hash, group, frame_done);
+    } catch (const NumericalError& error) {
+      const std::string& name = group.front().record->name;
+      throw NumericalError(group.size() == 1 ? text(name, ": ", error.what())
+                                             : text(name, " to ", group.back().record->name,
+                                                    ", counted from 0: ", error.what()));
+    }
+  }
+
+  // 4. The list of them; without the manifest if some are missing.
+  if (stopped) {
+    for (auto* records : {&manifest.train, &manifest.validation}) {
+      records->erase(std::remove_if(records->begin(), records->end(),
+                                    [](const RecordInfo& r) { return r.checksum.empty(); }),
+                     records->end());
+    }
+    return manifest;
+  }
+  write_manifest(manifest_path, manifest);
+  return manifest;
+}
+
+}  // namespace nmp

@@ -1,0 +1,484 @@
+#include "nmp/dataset.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+
+#include "base/check.h"
+#include "nmp/config.h"
+
+namespace nmp {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using OrderedJson = nlohmann::ordered_json;
+
+constexpr const char* kFormat = "nmp-dataset";
+constexpr int kVersion = 1;
+constexpr const char* kManifestName = "manifest.json";
+constexpr const char* kMeshName = "mesh.safetensors";
+constexpr std::size_t kMaxManifest = 64u << 20;
+constexpr int kMaxDepth = 32;
+constexpr std::size_t kMaxRecords = 1'000'000;
+constexpr std::int64_t kMaxCount = std::numeric_limits<std::int32_t>::max();
+
+[[noreturn]] void refuse(const std::string& file, const std::string& place,
+                         const std::string& expected, const std::string& found) {
+  throw InputError(text(file, ": ", place, ": expected ", expected, ", found ", found));
+}
+
+void refuse_newer(const std::string& file, std::int64_t version) {
+  if (version <= kVersion) return;
+  throw InputError(text(file, ": has version ", version, ", newer than version ", kVersion,
+                        ", the newest that this program reads"));
+}
+
+// A name that cannot lead out of the folder it is in.
+bool stays_inside(const std::string& name) {
+  if (name.empty() || name.size() > 1024) return false;
+  const bool plain = std::all_of(name.begin(), name.end(), [](char c) {
+    return static_cast<unsigned char>(c) >= 0x20 && c != 0x7f && c != '\\' && c != ':';
+  });
+  if (!plain) return false;
+  const Path path(name);
+  return path.is_relative() && std::all_of(path.begin(), path.end(), [](const Path& part) {
+           return !part.empty() && part != "." && part != "..";
+         });
+}
+
+// The file of that name, links resolved.
+Path resolve(const Path& folder, const std::string& name) {
+  std::error_code error;
+  const Path root = fs::canonical(folder, error);
+  if (error) throw IoError(text(folder.string(), ": cannot open the folder: ", error.message()));
+  Path file = fs::weakly_canonical(root / name, error);
+  if (error) {
+    throw IoError(text((folder / name).string(), ": cannot find the file: ", error.message()));
+  }
+  if (std::mismatch(root.begin(), root.end(), file.begin(), file.end()).first != root.end()) {
+    throw InputError(
+        text((folder / name).string(),
+             ": expected a file inside the folder, found a link that leads out of it"));
+  }
+  return file;
+}
+
+// A value of the manifest and where it stands there.
+class Entry {
+ public:
+  Entry(const Json& value, const std::string& file, const std::string& place)
+      : value_(value), file_(file), place_(place) {}
+
+  Entry operator[](const std::string& key) const {
+    const std::string place = place_.empty() ? key : place_ + "." + key;
+    if (!value_.is_object()) fail("an object");
+    const auto found = value_.find(key);
+    if (found == value_.end()) refuse(file_, place, "a value", "none");
+    return Entry(*found, file_, place);
+  }
+  template <class Visit>
+  void for_each(std::size_t limit, Visit&& visit) const {
+    if (!value_.is_array() || value_.size() > limit) fail(text("an array of at most ", limit));
+    for (std::size_t i = 0; i < value_.size(); ++i) {
+      visit(Entry(value_[i], file_, text(place_, "[", i, "]")));
+    }
+  }
+  bool is_null() const { return value_.is_null(); }
+
+  double number(double low, double high) const {
+    const bool ok = value_.is_number() && std::isfinite(value_.get<double>()) &&
+                    value_.get<double>() >= low && value_.get<double>() <= high;
+    if (!ok) fail("a number from " + decimal(low) + " to " + decimal(high));
+    return value_.get<double>();
+  }
+  std::int64_t integer(std::int64_t low, std::int64_t high) const {
+    // A parsed integer is unsigned unless it has a minus sign.
+    const bool ok = value_.is_number_integer() &&
+                    (!value_.is_number_unsigned() ||
+                     value_.get<std::uint64_t>() <=
+                         static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max())) &&
+                    value_.get<std::int64_t>() >= low && value_.get<std::int64_t>() <= high;
+    if (!ok) fail(text("an integer from ", low, " to ", high));
+    return value_.get<std::int64_t>();
+  }
+  std::uint64_t seed() const {
+    if (!value_.is_number_unsigned()) fail("an integer from 0 to 2^64 - 1");
+    return value_.get<std::uint64_t>();
+  }
+  std::string word() const {
+    if (!value_.is_string()) fail("a string");
+    return value_.get<std::string>();
+  }
+  std::string checksum() const {
+    std::string digits = word();
+    if (digits.size() != 16 || digits.find_first_not_of("0123456789abcdef") != std::string::npos) {
+      fail("16 lower-case hexadecimal digits");
+    }
+    return digits;
+  }
+  std::string file_name() const {
+    if (!stays_inside(word())) fail("the name of a file inside the folder");
+    return word();
+  }
+
+  [[noreturn]] void fail(const std::string& expected) const {
+    std::string found = value_.type_name();
+    if (value_.is_string()) found = in_quotes(value_.get_ref<const std::string&>());
+    if (value_.is_number() || value_.is_boolean()) found = value_.dump();
+    refuse(file_, place_, expected, found);
+  }
+
+ private:
+  const Json& value_;
+  const std::string& file_;
+  std::string place_;
+};
+
+Json parse_json(const std::string& content, const std::string& file) {
+  const auto limit_depth = [&](int depth, Json::parse_event_t, Json&) {
+    if (depth > kMaxDepth) {
+      throw InputError(
+          text(file, ": expected a nesting depth of at most ", kMaxDepth, ", found more"));
+    }
+    return true;
+  };
+  try {
+    return Json::parse(content, limit_depth);
+  } catch (const Json::parse_error& error) {
+    const std::size_t end = std::min(error.byte, content.size());
+    const auto begin = content.begin();
+    const auto line = 1 + std::count(begin, begin + static_cast<std::ptrdiff_t>(end), '\n');
+    refuse(file, text("line ", line), "JSON text in UTF-8", in_quotes(error.what()));
+  } catch (const Json::exception& error) {
+    refuse(file, "text", "JSON", in_quotes(error.what()));
+  }
+}
+
+std::vector<RecordInfo> read_records(const Entry& list, Index n_frames,
+                                     std::set<std::string>& names) {
+  std::vector<RecordInfo> records;
+  list.for_each(kMaxRecords, [&](const Entry& entry) {
+    RecordInfo record;
+    record.name = entry["name"].file_name();
+    if (!names.insert(record.name).second) entry["name"].fail("every file once");
+    record.seed = entry["seed"].seed();
+    record.frames = entry["frames"].integer(1, n_frames);
+    record.checksum = entry["checksum"].checksum();
+    records.push_back(std::move(record));
+  });
+  return records;
+}
+
+OrderedJson json_records(const std::vector<RecordInfo>& records) {
+  OrderedJson list = OrderedJson::array();
+  for (const RecordInfo& record : records) {
+    list.push_back({{"name", record.name},
+                    {"seed", record.seed},
+                    {"frames", record.frames},
+                    {"checksum", record.checksum}});
+  }
+  return list;
+}
+
+// Metadata of our own files tell their version; files from elsewhere may have none.
+void check_version(const TensorFile& file) {
+  const auto found = file.metadata().find("version");
+  if (found == file.metadata().end()) return;
+  const std::string& digits = found->second;
+  const bool is_number = !digits.empty() && digits.size() <= 9 &&
+                         digits.find_first_not_of("0123456789") == std::string::npos;
+  if (!is_number) refuse(file.name(), "metadata version", "an integer", in_quotes(digits));
+  refuse_newer(file.name(), std::stoi(digits));
+}
+
+void check_hash(const Path& path, const std::string& expected) {
+  const std::string found = hash_file(path);
+  if (found != expected) {
+    throw InputError(text(path.string(), ": expected the checksum ", expected,
+                          " of the manifest, found ", found));
+  }
+}
+
+// Row-major elements of an #N x n_columns tensor as a matrix of T.
+template <class T, class Result>
+Result to_matrix(const std::vector<T>& values, Index n_columns) {
+  using RowMajor = Eigen::Matrix<T, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  return Eigen::Map<const RowMajor>(values.data(), static_cast<Index>(values.size()) / n_columns,
+                                    n_columns);
+}
+
+}  // namespace
+
+Trajectory::Trajectory(const Path& path, const RecordInfo& info, Index n_vertices)
+    : info_(info), n_vertices_(n_vertices) {
+  NMP_CHECK(info.frames >= 1 && info.frames < kMaxCount,
+            text("frames must be from 1 to 2^31 - 2, got ", info.frames));
+  NMP_CHECK(n_vertices >= 1, text("n_vertices must be >= 1, got ", n_vertices));
+  auto file = std::make_shared<TensorFile>(TensorFile::open(path));
+  check_version(*file);
+  const auto find = [&](const char* name) {
+    return file->bytes(file->require(name, DType::f32, {info.frames + 1, n_vertices, 3}));
+  };
+  x_ = find("x");
+  v_ = find("v");
+  if (file->contains("f_int")) f_int_ = find("f_int");
+  file_ = std::move(file);
+}
+
+// The file is row-major, [t][vertex][xyz]; a batch is column-major. Files from elsewhere may have
+// their elements at any byte, hence memcpy (a plain load to the compiler).
+template <class Real>
+void Trajectory::read(const std::byte* frames, Index t, View<Real> out) const {
+  NMP_CHECK(t >= 0 && t <= info_.frames,
+            text("t must be from 0 to ", info_.frames, " in ", info_.name, ", got ", t));
+  NMP_CHECK(out.rows() == n_vertices_ && out.cols() == 3,
+            text("a frame is ", n_vertices_, " x 3, got ", shape(out)));
+  const std::byte* from = frames + t * n_vertices_ * 3 * static_cast<Index>(sizeof(float));
+  for (Index i = 0; i < n_vertices_; ++i) {
+    float point[3];
+    std::memcpy(point, from, sizeof point);
+    from += sizeof point;
+    for (Index k = 0; k < 3; ++k) out(i, k) = static_cast<Real>(point[k]);
+  }
+}
+
+template <class Real>
+void Trajectory::read_x(Index t, View<Real> x) const {
+  read<Real>(x_, t, x);
+}
+
+template <class Real>
+void Trajectory::read_v(Index t, View<Real> v) const {
+  read<Real>(v_, t, v);
+}
+
+template <class Real>
+void Trajectory::read_force(Index t, View<Real> f_int) const {
+  if (f_int_ == nullptr) {
+    throw InputError(text(file_->name(), ": expected the tensor f_int, found none; stages that ",
+                          "learn from forces need it"));
+  }
+  read<Real>(f_int_, t, f_int);
+}
+
+template <class Real>
+fem::State<Real> Trajectory::state(Index t) const {
+  fem::State<Real> state{Matrix<Real>(n_vertices_, 3), Matrix<Real>(n_vertices_, 3)};
+  read_x<Real>(t, state.x);
+  read_v<Real>(t, state.v);
+  return state;
+}
+
+#define NMP_INSTANTIATE(Real)                                          \
+  template void Trajectory::read_x<Real>(Index, View<Real>) const;     \
+  template void Trajectory::read_v<Real>(Index, View<Real>) const;     \
+  template void Trajectory::read_force<Real>(Index, View<Real>) const; \
+  template fem::State<Real> Trajectory::state<Real>(Index) const;
+
+#include "autodiff/instantiate.h"
+
+Dataset Dataset::open(const Path& folder) {
+  Dataset data;
+  data.folder_ = folder;
+  data.manifest_ = read_manifest(resolve(folder, kManifestName));
+  Manifest& manifest = data.manifest_;
+
+  const Path mesh_path = resolve(folder, kMeshName);
+  check_hash(mesh_path, manifest.mesh_checksum);
+  const TensorFile file = TensorFile::open(mesh_path);
+  check_version(file);
+  const auto vertices = to_matrix<double, Matrix<double>>(
+      file.values<double>("vertices", {manifest.n_vertices, 3}), 3);
+  const auto tets = to_matrix<std::int32_t, fem::Tets>(
+      file.values<std::int32_t>("tets", {manifest.n_tets, 4}), 4);
+  const auto pinned = file.values<std::int32_t>("pinned", {-1});
+  if (!vertices.allFinite()) refuse(file.name(), "vertices", "finite numbers", "others");
+  for (const std::int32_t vertex : pinned) {
+    if (vertex < 0 || vertex >= manifest.n_vertices) {
+      refuse(file.name(), "pinned", text("vertices from 0 to ", manifest.n_vertices - 1),
+             text(vertex));
+    }
+  }
+  manifest.physics.pinned.assign(pinned.begin(), pinned.end());
+  try {
+    data.mesh_ = std::make_shared<fem::TetMesh<double>>(vertices, tets);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(text(file.name(), ": ", error.what()));
+  }
+
+  const auto map_all = [&](const std::vector<RecordInfo>& records, std::vector<Trajectory>& out) {
+    out.reserve(records.size());
+    for (const RecordInfo& record : records) {
+      out.emplace_back(resolve(folder, record.name), record, manifest.n_vertices);
+    }
+  };
+  map_all(manifest.train, data.train_);
+  map_all(manifest.validation, data.validation_);
+  return data;
+}
+
+double Dataset::stagger() const {
+  return manifest_.dt > 0 ? (1 - manifest_.dt / manifest_.h) / 2 : 0.5;
+}
+
+void Dataset::verify() const {
+  for (const auto* records : {&manifest_.train, &manifest_.validation}) {
+    for (const RecordInfo& record : *records) {
+      check_hash(resolve(folder_, record.name), record.checksum);
+    }
+  }
+}
+
+void write_mesh(const Path& path, const fem::TetMesh<double>& mesh,
+                const std::vector<int>& pinned) {
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+  using RowMajorTets = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 4, Eigen::RowMajor>;
+  const RowMajor vertices = mesh.vertices();
+  const RowMajorTets tets = mesh.tets();
+  const std::vector<std::int32_t> pins(pinned.begin(), pinned.end());
+  const auto n_pins = static_cast<std::int64_t>(pins.size());
+
+  TensorFileWriter file(path);
+  file.set_metadata("what", "nmp-mesh");
+  file.set_metadata("version", std::to_string(kVersion));
+  file.set_metadata("units", "vertices m");
+  file.declare("vertices", DType::f64, {mesh.n_vertices(), 3});
+  file.declare("tets", DType::i32, {mesh.n_tets(), 4});
+  file.declare("pinned", DType::i32, {n_pins});
+  file.begin();
+  file.write("vertices", 0, vertices.data(), vertices.size());
+  file.write("tets", 0, tets.data(), tets.size());
+  file.write("pinned", 0, pins.data(), n_pins);
+  file.commit();
+}
+
+void write_manifest(const Path& path, const Manifest& manifest) {
+  const fem::Physics& physics = manifest.physics;
+  const fem::Material& material = physics.material;
+  OrderedJson json;
+  json["format"] = kFormat;
+  json["version"] = kVersion;
+  json["scene"] = {{"name", manifest.scene_name}, {"toml", manifest.scene_toml}};
+  json["gravity"] = {physics.gravity(0), physics.gravity(1), physics.gravity(2)};
+  json["ground"] = nullptr;
+  if (physics.ground) json["ground"] = *physics.ground;
+  json["material"] = {
+      {"law", nullptr}, {"E", material.E}, {"nu", material.nu}, {"density", material.density}};
+  if (manifest.law_known) json["material"]["law"] = material.law;
+  json["dt"] = manifest.dt;
+  json["substeps"] = manifest.substeps;
+  json["h"] = manifest.h;
+  json["frames"] = manifest.frames;
+  json["n_vertices"] = manifest.n_vertices;
+  json["n_tets"] = manifest.n_tets;
+  json["seed"] = manifest.seed;
+  json["mesh"] = {{"name", kMeshName}, {"checksum", manifest.mesh_checksum}};
+  json["train"] = json_records(manifest.train);
+  json["validation"] = json_records(manifest.validation);
+  write_text(path, json.dump(2) + "\n");
+}
+
+Manifest read_manifest(const Path& path) {
+  const std::string file = path.string();
+  const Json json = parse_json(read_text(path, kMaxManifest), file);
+  const Entry root(json, file, "");
+  if (root["format"].word() != kFormat) {
+    root["format"].fail(text("\"", kFormat, "\""));
+  }
+  refuse_newer(file, root["version"].integer(1, std::numeric_limits<std::int64_t>::max()));
+
+  Manifest manifest;
+  manifest.scene_name = root["scene"]["name"].word();
+  manifest.scene_toml = root["scene"]["toml"].word();
+
+  fem::Physics& physics = manifest.physics;
+  std::vector<double> gravity;
+  root["gravity"].for_each(3, [&](const Entry& g) { gravity.push_back(g.number(-1e9, 1e9)); });
+  if (gravity.size() != 3) root["gravity"].fail("an array of three numbers");
+  physics.gravity = Vec3<double>(gravity[0], gravity[1], gravity[2]);
+  if (!root["ground"].is_null()) physics.ground = root["ground"].number(-1e9, 1e9);
+  const Entry material = root["material"];
+  manifest.law_known = !material["law"].is_null();
+  if (manifest.law_known) physics.material.law = material["law"].word();
+  physics.material.E = material["E"].number(0, 1e18);
+  physics.material.nu = material["nu"].number(-1, 0.5);
+  physics.material.density = material["density"].number(0, 1e18);
+  try {
+    fem::check(physics.material);
+  } catch (const std::invalid_argument& error) {
+    throw InputError(text(file, ": material: ", error.what()));
+  }
+
+  manifest.dt = root["dt"].number(0, 1e6);
+  manifest.substeps = root["substeps"].integer(0, kMaxCount);
+  manifest.h = root["h"].number(1e-15, 1e6);
+  const double steps = manifest.dt * static_cast<double>(manifest.substeps);
+  if (steps > 0 && std::abs(steps - manifest.h) > 1e-9 * manifest.h) {
+    root["h"].fail("dt * substeps = " + decimal(steps));
+  }
+  if (manifest.dt > manifest.h) root["dt"].fail("a step of at most h = " + decimal(manifest.h));
+  manifest.frames = root["frames"].integer(1, kMaxCount - 1);
+  manifest.n_vertices = root["n_vertices"].integer(4, kMaxCount);
+  manifest.n_tets = root["n_tets"].integer(1, kMaxCount / 4);
+  manifest.seed = root["seed"].seed();
+
+  if (root["mesh"]["name"].word() != kMeshName) {
+    root["mesh"]["name"].fail(text("\"", kMeshName, "\""));
+  }
+  manifest.mesh_checksum = root["mesh"]["checksum"].checksum();
+  std::set<std::string> names;
+  manifest.train = read_records(root["train"], manifest.frames, names);
+  manifest.validation = read_records(root["validation"], manifest.frames, names);
+  return manifest;
+}
+
+TrajectoryWriter::TrajectoryWriter(const Path& path, Index frames, Index n_vertices,
+                                   std::uint64_t seed, double h, const std::string& scene)
+    : path_(path), n_vertices_(n_vertices), file_(std::make_unique<TensorFileWriter>(path)) {
+  NMP_CHECK(
+      frames >= 1 && n_vertices >= 1,
+      text("a trajectory has at least 1 step and 1 vertex, got ", frames, " and ", n_vertices));
+  file_->set_metadata("what", "nmp-trajectory");
+  file_->set_metadata("version", std::to_string(kVersion));
+  file_->set_metadata("units", "x m, v m/s, f_int N, h s");
+  file_->set_metadata("h", decimal(h));
+  file_->set_metadata("seed", std::to_string(seed));
+  if (!scene.empty()) file_->set_metadata("scene", scene);
+  for (const char* name : {"x", "v", "f_int"}) {
+    file_->declare(name, DType::f32, {frames + 1, n_vertices, 3});
+  }
+  file_->begin();
+  row_major_.resize(static_cast<std::size_t>(n_vertices) * 3);
+}
+
+TrajectoryWriter::~TrajectoryWriter() = default;
+
+void TrajectoryWriter::write(Index t, const ConstView<double>& x, const ConstView<double>& v,
+                             const ConstView<double>& f_int) {
+  const Index n = 3 * n_vertices_;
+  const auto write_one = [&](const char* name, const ConstView<double>& values) {
+    NMP_CHECK(values.rows() == n_vertices_ && values.cols() == 3,
+              text(name, " must be ", n_vertices_, " x 3, got ", shape(values)));
+    float* to = row_major_.data();
+    for (Index i = 0; i < n_vertices_; ++i) {
+      for (Index k = 0; k < 3; ++k) *to++ = static_cast<float>(values(i, k));
+    }
+    file_->write(name, t * n, row_major_.data(), n);
+  };
+  write_one("x", x);
+  write_one("v", v);
+  write_one("f_int", f_int);
+}
+
+std::string TrajectoryWriter::commit() {
+  file_->commit();
+  return hash_file(path_);
+}
+
+}  // namespace nmp

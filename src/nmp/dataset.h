@@ -1,0 +1,125 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/file.h"
+#include "base/safetensors.h"
+#include "fem/material.h"
+#include "fem/simulator.h"
+#include "fem/tet_mesh.h"
+
+namespace nmp {
+
+/// One file of a dataset, as the manifest lists it.
+struct RecordInfo {
+  std::string name;  // "train/000.safetensors"
+  std::uint64_t seed = 0;
+  Index frames = 0;      // steps; frames + 1 states are stored
+  std::string checksum;  // XXH3 of the file
+};
+
+/// manifest.json of a dataset (design.md section 6). The pinned vertices stand in mesh.safetensors:
+/// physics.pinned is filled by Dataset::open, not by read_manifest.
+struct Manifest {
+  std::string scene_name, scene_toml;  // as resolved when the data were made
+  fem::Physics physics;
+  bool law_known = true;  // physics.material is the analytic law that made the data
+  double dt = 0;          // [s]; 0 if unknown
+  Index substeps = 0;     // 0 if unknown
+  double h = 0;           // time between frames [s]
+  Index frames = 0, n_vertices = 0, n_tets = 0;
+  std::uint64_t seed = 0;
+  std::string mesh_checksum;
+  std::vector<RecordInfo> train, validation;
+};
+
+/// A recorded trajectory, mapped: a frame is read from disk when it is asked for.
+class Trajectory {
+ public:
+  /// @throws InputError  if shapes or types differ from what the manifest says
+  Trajectory(const Path& path, const RecordInfo& info, Index n_vertices);
+
+  const std::string& name() const { return info_.name; }
+  /// Steps; states 0 ... frames() exist.
+  Index frames() const { return info_.frames; }
+  Index n_vertices() const { return n_vertices_; }
+  bool has_force() const { return f_int_ != nullptr; }
+
+  /// State t as #V x 3. Real: float or double.
+  template <class Real>
+  void read_x(Index t, View<Real> x) const;
+  template <class Real>
+  void read_v(Index t, View<Real> v) const;
+  /// @throws InputError  if the file holds no f_int
+  template <class Real>
+  void read_force(Index t, View<Real> f_int) const;
+  template <class Real>
+  fem::State<Real> state(Index t) const;
+
+ private:
+  template <class Real>
+  void read(const std::byte* frames, Index t, View<Real> out) const;
+  RecordInfo info_;
+  Index n_vertices_;
+  std::shared_ptr<const TensorFile> file_;  // copies of a trajectory share the mapping
+  // First byte of each tensor in the file, not necessarily aligned.
+  const std::byte *x_ = nullptr, *v_ = nullptr, *f_int_ = nullptr;
+};
+
+/// A dataset folder: manifest.json, mesh.safetensors, train/*, val/*.
+class Dataset {
+ public:
+  /// Reads the manifest and the mesh, maps the trajectories and checks shapes and the mesh's
+  /// checksum; trajectory checksums are read by verify(). Names that leave the folder are refused.
+  /// @throws IoError, InputError with file, place, expected, found
+  static Dataset open(const Path& folder);
+
+  const Path& folder() const { return folder_; }
+  const Manifest& manifest() const { return manifest_; }
+  const fem::TetMesh<double>& mesh() const { return *mesh_; }
+  const std::vector<Trajectory>& train() const { return train_; }
+  const std::vector<Trajectory>& validation() const { return validation_; }
+  /// Stagger s of the velocity convention, (1 - dt/h)/2, or 1/2 if dt is unknown (design.md 2).
+  double stagger() const;
+  /// @throws InputError  naming the first file whose checksum differs
+  void verify() const;
+
+ private:
+  Dataset() = default;
+  Path folder_;
+  Manifest manifest_;
+  std::shared_ptr<fem::TetMesh<double>> mesh_;
+  std::vector<Trajectory> train_, validation_;
+};
+
+/// Writes the parts of a dataset, each atomically; the manifest last, so that a folder with a
+/// manifest is complete.
+void write_mesh(const Path& path, const fem::TetMesh<double>& mesh, const std::vector<int>& pinned);
+void write_manifest(const Path& path, const Manifest& manifest);
+Manifest read_manifest(const Path& path);
+
+/// A trajectory file in the making, frame by frame.
+class TrajectoryWriter {
+ public:
+  /// @param scene  hash of the scene's TOML, for the metadata: what a continued run compares
+  TrajectoryWriter(const Path& path, Index frames, Index n_vertices, std::uint64_t seed, double h,
+                   const std::string& scene = "");
+  ~TrajectoryWriter();
+  /// State t and the force on it, #V x 3 each, stored as float; states may come in any order.
+  void write(Index t, const ConstView<double>& x, const ConstView<double>& v,
+             const ConstView<double>& f_int);
+  /// @return the file's checksum
+  std::string commit();
+
+ private:
+  Path path_;
+  Index n_vertices_;
+  std::unique_ptr<TensorFileWriter> file_;
+  std::vector<float> row_major_;
+};
+
+}  // namespace nmp

@@ -1,0 +1,366 @@
+#include "nmp/evaluate.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "fem/deformation_gradient.h"
+#include "fem/laws.h"
+#include "fem/semi_implicit_euler.h"
+#include "nmp/config.h"
+#include "nmp/rollout.h"
+
+namespace nmp {
+
+namespace {
+
+// Methods in the order of tables.
+const std::vector<std::string>& method_order() {
+  static const std::vector<std::string> order{
+      "neural",      "residual_zeroed", "neural_law",        "neural_integrator",
+      "affine_only", "coarse_physics",  "staggered_physics", "ballistic",
+      "rest"};
+  return order;
+}
+
+// Everything that methods are made of, in both precisions.
+class Bench {
+ public:
+  Bench(Model<float>& model, const Dataset& dataset)
+      : model_(model),
+        dataset_(dataset),
+        physics_(dataset.manifest().physics),
+        mesh_(dataset.mesh()),
+        mesh_f_(mesh_.cast<float>()),
+        boundary_(fem::make_boundary<double>(mesh_, physics_.pinned, physics_.ground)),
+        boundary_f_(fem::make_boundary<float>(mesh_f_, physics_.pinned, ground_as_float())),
+        euler_(physics_.material.density, physics_.gravity),
+        euler_f_(physics_.material.density, physics_.gravity),
+        affine_(affine_config(), 0) {
+    if (dataset.manifest().law_known) {
+      law_ = fem::make_law<double>(physics_.material);
+      law_f_ = fem::make_law<float>(physics_.material);
+    }
+    affine_.set_affine(model.info.affine_alpha, model.info.affine_b);
+    affine_.set_residual_enabled(false);
+  }
+
+  std::vector<std::string> available() const {
+    std::vector<std::string> names;
+    for (const std::string& name : method_order()) {
+      const bool needs_law = name == "neural_law" || name == "neural_integrator" ||
+                             name == "affine_only" || name == "coarse_physics" ||
+                             name == "staggered_physics";
+      const bool needs_affine = name == "residual_zeroed" || name == "affine_only";
+      if ((law_ || !needs_law) && (model_.integration.affine() || !needs_affine))
+        names.push_back(name);
+    }
+    return names;
+  }
+
+  RolloutError run(const std::string& method, const Trajectory& truth, Index n_frames) {
+    const double s = model_.info.stagger;
+    if (method == "rest" || method == "ballistic")
+      return free_flight(truth, n_frames, method == "ballistic");
+    if (method == "coarse_physics") return roll<double>(truth, n_frames, *law_, euler_, 0);
+    if (method == "staggered_physics")
+      return roll<double>(truth, n_frames, *law_, euler_, dataset_.stagger());
+    if (method == "affine_only") return roll<double>(truth, n_frames, *law_, affine_, s);
+    if (method == "neural_law") return roll<float>(truth, n_frames, model_.stress, euler_f_, s);
+    if (method == "neural_integrator")
+      return roll<float>(truth, n_frames, *law_f_, model_.integration, s);
+    if (method == "residual_zeroed") model_.integration.set_residual_enabled(false);
+    const RolloutError run = roll<float>(truth, n_frames, model_.stress, model_.integration, s);
+    if (method == "residual_zeroed") model_.integration.set_residual_enabled(true);
+    return run;
+  }
+
+  // First frame at which a vertex is on the ground; past the end if none is.
+  Index first_touch(const Trajectory& truth) const {
+    if (!physics_.ground) return truth.frames() + 1;
+    const double height = *physics_.ground + 1e-6 * mesh_.diagonal();
+    Matrix<double> x(mesh_.n_vertices(), 3);
+    for (Index t = 0; t <= truth.frames(); ++t) {
+      truth.read_x<double>(t, x);
+      if (x.col(2).minCoeff() <= height) return t;
+    }
+    return truth.frames() + 1;
+  }
+
+  // Pooled relative error of the stress net's forces along the truth.
+  void add_force_error(const Trajectory& truth, Index n_frames, RelativeError& error) const {
+    constexpr Index kStride = 10;
+    ad::Tape<float> tape(ad::Tape<float>::Mode::inference);
+    Matrix<float> x(mesh_.n_vertices(), 3);
+    Matrix<double> f_true(mesh_.n_vertices(), 3);
+    for (Index t = 0; t <= n_frames; t += kStride) {
+      tape.clear();
+      truth.read_x<float>(t, x);
+      truth.read_force<double>(t, f_true);
+      const auto f = model_.stress.internal_force(mesh_f_, tape.constant(x)).value();
+      error.add(f.cast<double>(), f_true);
+    }
+  }
+
+ private:
+  static IntegrationNetConfig affine_config() {
+    IntegrationNetConfig config;
+    config.embedding = config.hidden = 1;
+    config.alignment_widths = {1, 1};
+    return config;
+  }
+
+  std::optional<float> ground_as_float() const {
+    if (!physics_.ground) return std::nullopt;
+    return static_cast<float>(*physics_.ground);
+  }
+
+  template <class Real>
+  const fem::TetMesh<Real>& mesh_as() const {
+    if constexpr (std::is_same_v<Real, float>)
+      return mesh_f_;
+    else
+      return mesh_;
+  }
+  template <class Real>
+  const fem::Boundary<Real>& boundary_as() const {
+    if constexpr (std::is_same_v<Real, float>)
+      return boundary_f_;
+    else
+      return boundary_;
+  }
+
+  template <class Real>
+  RolloutError roll(const Trajectory& truth, Index n_frames, const fem::ConstitutiveLaw<Real>& law,
+                    const fem::Integrator<Real>& integrator, double stagger) {
+    const Simulation<Real> simulation{mesh_as<Real>(),
+                                      law,
+                                      integrator,
+                                      boundary_as<Real>(),
+                                      static_cast<Real>(dataset_.manifest().h),
+                                      1,
+                                      static_cast<Real>(stagger)};
+    return compare<Real>(simulation, truth, n_frames);
+  }
+
+  // x_t = x_0, or x_0 + t h v_0 + (t h)^2 g / 2 for every vertex that is not pinned.
+  RolloutError free_flight(const Trajectory& truth, Index n_frames, bool moving) const {
+    const fem::State<double> start = truth.state<double>(0);
+    Matrix<double> x = start.x, x_true(mesh_.n_vertices(), 3);
+    RolloutError run;
+    run.end.frames = n_frames;
+    for (Index t = 0; t <= n_frames; ++t) {
+      const double time = static_cast<double>(t) * dataset_.manifest().h;
+      if (moving) {
+        x = start.x + time * start.v;
+        x.rowwise() += 0.5 * time * time * physics_.gravity.transpose();
+        for (const int pinned : boundary_.pinned) x.row(pinned) = start.x.row(pinned);
+      }
+      truth.read_x<double>(t, x_true);
+      run.rmse.push_back(rmse(x, x_true));
+    }
+    return run;
+  }
+
+  Model<float>& model_;
+  const Dataset& dataset_;
+  fem::Physics physics_;
+  fem::TetMesh<double> mesh_;
+  fem::TetMesh<float> mesh_f_;
+  fem::Boundary<double> boundary_;
+  fem::Boundary<float> boundary_f_;
+  fem::SemiImplicitEuler<double> euler_;
+  fem::SemiImplicitEuler<float> euler_f_;
+  IntegrationNet<double> affine_;
+  std::unique_ptr<fem::ConstitutiveLaw<double>> law_;
+  std::unique_ptr<fem::ConstitutiveLaw<float>> law_f_;
+};
+
+// rms displacement of the truth from frame 0, at every horizon.
+std::vector<double> displacements(const Trajectory& truth, const std::vector<Index>& horizons) {
+  Matrix<double> start(truth.n_vertices(), 3), x(truth.n_vertices(), 3);
+  truth.read_x<double>(0, start);
+  std::vector<double> result;
+  for (const Index horizon : horizons) {
+    truth.read_x<double>(horizon, x);
+    result.push_back(rmse(x, start));
+  }
+  return result;
+}
+
+void check_options(const EvaluateOptions& options, const std::vector<std::string>& available,
+                   Index frames) {
+  for (const std::string& method : options.methods) {
+    if (std::find(available.begin(), available.end(), method) != available.end()) continue;
+    std::string known;
+    for (const std::string& name : available) known += (known.empty() ? "" : ", ") + name;
+    throw ConfigError("method '" + method +
+                      "' is not available for this model and dataset; these are: " + known);
+  }
+  NMP_CHECK(!options.horizons.empty(), "an evaluation needs at least one horizon");
+  for (const Index horizon : options.horizons)
+    if (horizon < 1 || horizon > frames)
+      throw ConfigError(text("horizon ", horizon, " is outside 1 ... ", frames,
+                             ", the frames of the recording; choose others with --horizons"));
+}
+
+}  // namespace
+
+Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateOptions& options) {
+  Bench bench(model, dataset);
+  const std::vector<Trajectory>& all = options.train_split ? dataset.train() : dataset.validation();
+  if (all.empty()) throw InputError(dataset.folder().string() + ": the split holds no trajectory");
+  const auto n = static_cast<std::size_t>(
+      options.trajectories > 0
+          ? std::min<Index>(options.trajectories, static_cast<Index>(all.size()))
+          : static_cast<Index>(all.size()));
+  const Index frames = dataset.manifest().frames;
+  check_options(options, bench.available(), frames);
+  const std::vector<std::string> methods =
+      options.methods.empty() ? bench.available() : options.methods;
+  const Index longest = *std::max_element(options.horizons.begin(), options.horizons.end());
+
+  Evaluation result;
+  result.scene = dataset.manifest().scene_name;
+  result.dataset = dataset.folder().string();
+  result.split = options.train_split ? "train" : "val";
+  result.n_trajectories = static_cast<Index>(n);
+  result.frames = longest;
+
+  std::vector<std::vector<double>> displacement;
+  std::vector<Index> touch;
+  RelativeError force_error;
+  for (std::size_t i = 0; i < n; ++i) {
+    displacement.push_back(displacements(all[i], options.horizons));
+    touch.push_back(bench.first_touch(all[i]));
+    if (all[i].has_force()) bench.add_force_error(all[i], longest, force_error);
+  }
+  result.force_error = force_error.value();
+
+  Index done = 0;
+  for (const std::string& method : methods) {
+    MethodResult& row = result.methods[method];
+    std::vector<RolloutError> runs;
+    model.integration.reset_n_clamped();
+    const auto begin = std::chrono::steady_clock::now();
+    for (std::size_t i = 0; i < n; ++i) {
+      if (options.progress) options.progress(method, done, static_cast<Index>(methods.size() * n));
+      runs.push_back(bench.run(method, all[i], longest));
+      ++done;
+      if (runs.back().end.diverged) {
+        ++row.diverged;
+        row.reasons.push_back(all[i].name() + ": " + runs.back().end.reason);
+      }
+    }
+    row.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    row.clamped = model.integration.n_clamped();
+
+    for (Index t = 0; t <= longest; ++t) {
+      std::vector<double> at_t;
+      for (const RolloutError& run : runs) at_t.push_back(run.rmse[static_cast<std::size_t>(t)]);
+      row.curve.push_back(mean_std(at_t));
+    }
+    for (std::size_t k = 0; k < options.horizons.size(); ++k) {
+      HorizonError& error = row.horizons[options.horizons[k]];
+      std::vector<double> relative;
+      for (std::size_t i = 0; i < n; ++i) {
+        error.each.push_back(runs[i].rmse[static_cast<std::size_t>(options.horizons[k])]);
+        relative.push_back(displacement[i][k] > 0 ? error.each.back() / displacement[i][k] : 0);
+        error.touched += touch[i] <= options.horizons[k];
+      }
+      error.rmse = mean_std(error.each);
+      error.relative = mean_std(relative);
+    }
+  }
+  return result;
+}
+
+std::optional<double> paper_rmse(const std::string& scene, Index frame) {
+  static const std::map<std::string, std::map<Index, double>> kTable1{
+      {"cube", {{100, 0.019}, {500, 0.159}, {1000, 0.535}}},
+      {"cubexl", {{100, 0.020}, {500, 0.253}, {1000, 0.440}}},
+      {"spot", {{100, 0.061}, {500, 0.217}, {1000, 0.449}}},
+      {"bob", {{100, 0.050}, {500, 0.316}, {1000, 0.579}}}};
+  const auto row = kTable1.find(scene);
+  if (row == kTable1.end()) return std::nullopt;
+  const auto value = row->second.find(frame);
+  return value == row->second.end() ? std::nullopt : std::optional<double>(value->second);
+}
+
+std::string to_json(const Evaluation& evaluation) {
+  using Json = nlohmann::ordered_json;
+  Json json;
+  json["scene"] = evaluation.scene;
+  json["model"] = evaluation.model;
+  json["dataset"] = evaluation.dataset;
+  json["split"] = evaluation.split;
+  json["trajectories"] = evaluation.n_trajectories;
+  json["frames"] = evaluation.frames;
+  json["force_error"] = evaluation.force_error;
+  const auto neural = evaluation.methods.find("neural");
+  json["diverged"] = neural == evaluation.methods.end() ? 0 : neural->second.diverged;
+  json["methods"] = Json::object();
+  json["details"] = Json::object();
+  for (const auto& [name, method] : evaluation.methods) {
+    Json& row = json["methods"][name] = Json::object();
+    for (const auto& [horizon, error] : method.horizons)
+      row[std::to_string(horizon)] = {{"rmse_mean", error.rmse.mean},
+                                      {"rmse_std", error.rmse.std},
+                                      {"relative_mean", error.relative.mean},
+                                      {"rmse_each", error.each},
+                                      {"touched_ground", error.touched}};
+    Json mean = Json::array(), std = Json::array();
+    for (const MeanStd& at_t : method.curve) {
+      mean.push_back(at_t.mean);
+      std.push_back(at_t.std);
+    }
+    json["details"][name] = {{"diverged", method.diverged}, {"reasons", method.reasons},
+                             {"clamped", method.clamped},   {"seconds", method.seconds},
+                             {"curve_mean", mean},          {"curve_std", std}};
+  }
+  return json.dump(1);
+}
+
+std::string to_table(const Evaluation& evaluation) {
+  std::ostringstream out;
+  out.precision(3);
+  const auto cell = [&](const std::string& words) {
+    out << std::string(words.size() < 22 ? 22 - words.size() : 1, ' ') << words;
+  };
+  const auto number = [](double value) {
+    std::ostringstream digits;
+    digits.precision(3);
+    digits << value;
+    return digits.str();
+  };
+  out << "RMSE [m] on " << evaluation.n_trajectories << " trajectories of " << evaluation.scene
+      << " (" << evaluation.split << ")\n";
+  out << std::string(20, ' ');
+  if (evaluation.methods.empty()) return out.str();
+  for (const auto& entry : evaluation.methods.begin()->second.horizons)
+    cell("at frame " + std::to_string(entry.first));
+  out << "  diverged\n";
+  for (const std::string& name : method_order()) {
+    const auto row = evaluation.methods.find(name);
+    if (row == evaluation.methods.end()) continue;
+    const MethodResult& method = row->second;
+    out << name << std::string(name.size() < 20 ? 20 - name.size() : 1, ' ');
+    for (const auto& entry : method.horizons)
+      cell(number(entry.second.rmse.mean) + " +- " + number(entry.second.rmse.std));
+    out << "  " << method.diverged << "\n";
+  }
+  if (evaluation.methods.begin()->second.horizons.empty()) return out.str();
+  out << "the paper's NMP     ";
+  for (const auto& entry : evaluation.methods.begin()->second.horizons) {
+    const std::optional<double> value = paper_rmse(evaluation.scene, entry.first);
+    cell(value ? number(*value) : "-");
+  }
+  out << "\n";
+  out << "relative error of the stress net's forces along the truth: "
+      << number(100 * evaluation.force_error) << " %\n";
+  return out.str();
+}
+
+}  // namespace nmp

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "nmp/dataset.h"
+#include "nmp/metrics.h"
+#include "nmp/model.h"
+
+namespace nmp {
+
+struct EvaluateOptions {
+  std::vector<Index> horizons{100, 500, 1000};
+  bool train_split = false;  // evaluate on the training trajectories instead
+  Index trajectories = 0;    // the first so many; 0 for all
+  /// Names of the methods to run, see below; empty for all that the dataset allows.
+  std::vector<std::string> methods;
+  std::function<void(const std::string&, Index done, Index all)> progress;
+};
+
+/// Error of one method at one horizon over the trajectories.
+struct HorizonError {
+  MeanStd rmse;              // [m]
+  MeanStd relative;          // rmse / rms displacement of the truth from frame 0
+  Index touched = 0;         // trajectories that have touched the ground by then
+  std::vector<double> each;  // rmse of each trajectory
+};
+
+struct MethodResult {
+  std::map<Index, HorizonError> horizons;
+  Index diverged = 0;                // trajectories held at their last finite frame
+  std::vector<std::string> reasons;  // why, one per diverged trajectory
+  Index clamped = 0;                 // vertex-steps at the speed limit
+  std::vector<MeanStd> curve;        // rmse at every frame
+  double seconds = 0;                // of the rollouts
+};
+
+struct Evaluation {
+  std::string scene, model, dataset, split;
+  Index n_trajectories = 0, frames = 0;
+  std::map<std::string, MethodResult> methods;
+  double force_error = 0;  // of the stress net along the truth (RelativeError), every 10th frame
+};
+
+/// Methods: "neural" (both modules of the model), "neural_law" (with semi-implicit Euler),
+/// "neural_integrator" (with the true law), "residual_zeroed" (the model without its net), and the
+/// reference rows of design.md section 2: "rest" (standing still), "ballistic" (free flight of
+/// every vertex), "coarse_physics" (true law, semi-implicit Euler at h), "staggered_physics" (with
+/// the staggered start), "affine_only" (true law, the two fitted numbers). Rows that need an
+/// analytic law are left out if the dataset's is not known, rows that need an affine part if the
+/// model has none.
+/// @throws ConfigError  for an unknown method or a horizon beyond the recording
+Evaluation evaluate(Model<float>& model, const Dataset& dataset,
+                    const EvaluateOptions& options = {});
+
+/// RMSE of the paper's own NMP on its own data (Table 1) [m]; none for other scenes and frames.
+std::optional<double> paper_rmse(const std::string& scene, Index frame);
+
+/// The document of `nmp eval --json`.
+std::string to_json(const Evaluation& evaluation);
+/// A table for people: a row per method, a column per horizon, the paper's value where it has one.
+std::string to_table(const Evaluation& evaluation);
+
+}  // namespace nmp

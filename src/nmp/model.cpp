@@ -1,0 +1,202 @@
+#include "nmp/model.h"
+
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "base/safetensors.h"
+
+namespace nmp {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr const char* kFormat = "nmp-model";
+constexpr int kVersion = 1;
+
+Json describe(const Model<float>& model) {
+  const StressNetConfig& stress = model.stress.config();
+  const IntegrationNetConfig& integration = model.integration.config();
+  const IntegrationScales& scales = model.integration.scales();
+  const ModelInfo& info = model.info;
+  Json json;
+  json["stress"] = {{"hidden", stress.hidden},
+                    {"bias", stress.bias},
+                    {"scale", model.stress.scale()},
+                    {"z_scale", model.stress.z_scale()}};
+  json["integration"] = {{"form", integration.form},
+                         {"alignment", integration.alignment},
+                         {"embedding", integration.embedding},
+                         {"hidden", integration.hidden},
+                         {"alignment_widths", integration.alignment_widths},
+                         {"speed_limit", integration.speed_limit},
+                         {"scale_x", scales.x},
+                         {"scale_v", scales.v},
+                         {"scale_f", scales.f},
+                         {"scale_a", scales.a},
+                         {"positions", scales.positions}};
+  json["info"] = {{"h", info.h},
+                  {"stagger", info.stagger},
+                  {"affine_alpha", info.affine_alpha},
+                  {"affine_b", {info.affine_b[0], info.affine_b[1], info.affine_b[2]}},
+                  {"scene", info.scene},
+                  {"dataset", info.dataset},
+                  {"state", info.state}};
+  return json;
+}
+
+template <class Real>
+Model<Real> build(const Json& json, const std::string& config, Index n_weights) {
+  StressNetConfig stress;
+  const Json& s = json.at("stress");
+  s.at("hidden").get_to(stress.hidden);
+  s.at("bias").get_to(stress.bias);
+
+  IntegrationNetConfig integration;
+  const Json& g = json.at("integration");
+  g.at("form").get_to(integration.form);
+  g.at("alignment").get_to(integration.alignment);
+  g.at("embedding").get_to(integration.embedding);
+  g.at("hidden").get_to(integration.hidden);
+  g.at("alignment_widths").get_to(integration.alignment_widths);
+  g.at("speed_limit").get_to(integration.speed_limit);
+
+  // Widths come from a file: refuse, before any is allocated, layers that its weights cannot fill.
+  const auto check_layers = [&](const std::vector<Index>& widths) {
+    for (std::size_t i = 0; i < widths.size(); ++i) {
+      const Index next = i + 1 < widths.size() ? widths[i + 1] : 1;
+      NMP_CHECK(widths[i] >= 1 && next >= 1 && widths[i] <= n_weights / next,
+                text("a layer of width ", widths[i], " has more weights than the file"));
+    }
+  };
+  check_layers(stress.hidden);
+  check_layers(integration.alignment_widths);
+  check_layers({integration.embedding, integration.hidden, integration.hidden});
+
+  Model<Real> model(stress, integration, 0);
+  model.stress.set_scales(s.at("scale").get<double>(), s.at("z_scale").get<double>());
+  model.integration.set_scales({g.at("scale_x").get<double>(), g.at("scale_v").get<double>(),
+                                g.at("scale_f").get<double>(), g.at("scale_a").get<double>(),
+                                g.at("positions").get<std::string>()});
+  const Json& i = json.at("info");
+  i.at("h").get_to(model.info.h);
+  i.at("stagger").get_to(model.info.stagger);
+  i.at("affine_alpha").get_to(model.info.affine_alpha);
+  for (int k = 0; k < 3; ++k)
+    model.info.affine_b[k] = i.at("affine_b").at(static_cast<std::size_t>(k)).get<double>();
+  i.at("scene").get_to(model.info.scene);
+  i.at("dataset").get_to(model.info.dataset);
+  i.at("state").get_to(model.info.state);
+  model.info.config = config;
+  return model;
+}
+
+std::string shape_of(const TensorInfo& info) {
+  std::string shape = std::string(name_of(info.dtype)) + " [";
+  for (std::size_t i = 0; i < info.shape.size(); ++i)
+    shape += (i ? ", " : "") + std::to_string(info.shape[i]);
+  return shape + "]";
+}
+
+// Row-major, as the file stores a matrix.
+std::vector<float> row_major(const Matrix<float>& m) {
+  std::vector<float> values;
+  for (Index i = 0; i < m.rows(); ++i)
+    for (Index j = 0; j < m.cols(); ++j) values.push_back(m(i, j));
+  return values;
+}
+
+}  // namespace
+
+template <class Real>
+nn::ParameterList<Real> Model<Real>::parameters() {
+  nn::ParameterList<Real> list = stress.parameters();
+  for (auto* p : integration.parameters()) list.push_back(p);
+  for (auto* p : integration.affine_parameters()) list.push_back(p);
+  return list;
+}
+
+void save_model(const Path& path, Model<float>& model) {
+  const nn::ParameterList<float> parameters = model.parameters();
+  const std::string bad = nn::first_non_finite_value(parameters);
+  if (!bad.empty()) throw NumericalError(path.string() + ": not saved, " + bad + " is not finite");
+
+  TensorFileWriter file(path);
+  file.set_metadata("format", kFormat);
+  file.set_metadata("version", std::to_string(kVersion));
+  file.set_metadata("architecture", describe(model).dump());
+  file.set_metadata("config", model.info.config);
+  for (const auto* p : parameters)
+    file.declare(p->name(), DType::f32, {p->value().rows(), p->value().cols()});
+  file.begin();
+  for (const auto* p : parameters)
+    file.write(p->name(), 0, row_major(p->value()).data(), p->value().size());
+  file.commit();
+}
+
+template <class Real>
+Model<Real> load_model(const Path& path) {
+  const TensorFile file = TensorFile::open(path);
+  const auto fail = [&](const std::string& what) -> InputError {
+    return InputError(path.string() + ": " + what);
+  };
+  if (!file.metadata().count("format") || file.metadata("format") != kFormat)
+    throw fail("not a model: expected metadata format = " + std::string(kFormat) +
+               " (is it a trajectory or another program's file?)");
+  if (file.metadata("version") != std::to_string(kVersion))
+    throw fail("is of model version " + file.metadata("version") + ", this program reads version " +
+               std::to_string(kVersion));
+
+  Index n_weights = 0;
+  for (const auto& entry : file.tensors()) n_weights += entry.second.count();
+  const auto model_of = [&] {
+    try {
+      return build<Real>(Json::parse(file.metadata("architecture")), file.metadata("config"),
+                         n_weights);
+    } catch (const InputError&) {
+      throw;
+    } catch (const std::exception& error) {
+      throw fail("the metadata 'architecture' do not describe a model: " +
+                 std::string(error.what()));
+    }
+  };
+  Model<Real> model = model_of();
+
+  // All differences at once, before any weight is set.
+  std::string differences;
+  std::set<std::string> known;
+  for (auto* p : model.parameters()) {
+    known.insert(p->name());
+    const auto found = file.tensors().find(p->name());
+    const TensorInfo wanted{DType::f32, {p->value().rows(), p->value().cols()}};
+    if (found == file.tensors().end()) {
+      differences += "\n  missing " + p->name() + " " + shape_of(wanted);
+    } else if (found->second.dtype != wanted.dtype || found->second.shape != wanted.shape) {
+      differences +=
+          "\n  " + p->name() + " is " + shape_of(found->second) + ", expected " + shape_of(wanted);
+    }
+  }
+  for (const auto& [name, info] : file.tensors())
+    if (!known.count(name)) differences += "\n  unexpected " + name + " " + shape_of(info);
+  if (!differences.empty())
+    throw fail("the weights are not those of the architecture it names:" + differences);
+
+  for (auto* p : model.parameters()) {
+    const Index rows = p->value().rows(), cols = p->value().cols();
+    const std::vector<float> values = file.values<float>(p->name(), {rows, cols});
+    Matrix<Real>& value = p->mutable_value();
+    for (Index i = 0; i < rows; ++i)
+      for (Index j = 0; j < cols; ++j)
+        value(i, j) = static_cast<Real>(values[static_cast<std::size_t>(i * cols + j)]);
+    if (!value.allFinite())
+      throw fail("the weights " + p->name() + " hold a value that is not finite");
+  }
+  return model;
+}
+
+template struct Model<float>;
+template struct Model<double>;
+template Model<float> load_model(const Path&);
+template Model<double> load_model(const Path&);
+
+}  // namespace nmp

@@ -1,0 +1,161 @@
+#include "nmp/replay.h"
+
+#include <cmath>
+
+#include "fem/laws.h"
+#include "fem/semi_implicit_euler.h"
+#include "fem/stability.h"
+#include "nmp/metrics.h"
+#include "nmp/model.h"
+
+namespace nmp {
+
+namespace {
+
+bool neural_law(const ReplayOptions& o) { return o.constitutive == "neural"; }
+bool neural_integrator(const ReplayOptions& o) { return o.integrator == "neural"; }
+
+void check(const ReplayOptions& o) {
+  const auto known = [](const std::string& name, std::initializer_list<const char*> names) {
+    for (const char* each : names)
+      if (name == each) return;
+    throw ConfigError("there is no module '" + name + "'");
+  };
+  known(o.constitutive, {"neural", "neo-hookean", "stvk"});
+  known(o.integrator, {"neural", "semi-implicit"});
+  if (o.model.empty() && (neural_law(o) || neural_integrator(o)))
+    throw ConfigError("a neural module needs a model");
+  if ((o.E || o.nu) && neural_law(o))
+    throw ConfigError("E and nu belong to an analytic law, neo-hookean or stvk");
+  if (o.dt && neural_integrator(o))
+    throw ConfigError("dt belongs to the integrator semi-implicit; the neural one steps by h");
+}
+
+const Trajectory& choose(const Dataset& dataset, const ReplayOptions& o) {
+  const auto& records = o.train_split ? dataset.train() : dataset.validation();
+  if (o.trajectory < 0 || o.trajectory >= static_cast<Index>(records.size()))
+    throw ConfigError(text("there is no trajectory ", o.trajectory, ": the split has ",
+                           records.size(), ", counted from 0"));
+  return records[static_cast<std::size_t>(o.trajectory)];
+}
+
+fem::Material material(const ReplayOptions& o, const Manifest& manifest) {
+  if (!manifest.law_known && !(o.E && o.nu))
+    throw ConfigError("the dataset does not tell its law: E and nu must be given");
+  fem::Material material = manifest.physics.material;
+  material.law = o.constitutive;
+  material.E = o.E.value_or(material.E);
+  material.nu = o.nu.value_or(material.nu);
+  try {
+    fem::check(material);
+  } catch (const std::invalid_argument& error) {
+    throw ConfigError(error.what());
+  }
+  return material;
+}
+
+Index count_substeps(double h, const std::optional<double>& dt) {
+  if (!dt) return 1;
+  const double n = std::round(h / *dt);
+  if (!(n >= 1 && n <= 1e9 && std::abs(n * *dt - h) <= 1e-9 * h))
+    throw ConfigError(text("dt = ", *dt, " s must divide the time between frames, ", h, " s"));
+  return static_cast<Index>(n);
+}
+
+// s of a record made at step dt, seen at another step: (1 - dt/step)/2, 1/2 if dt is unknown.
+double stagger_at(const Manifest& manifest, double step) { return (1 - manifest.dt / step) / 2; }
+
+// Frames are kept until it is known how many there are.
+struct Kept {
+  Matrix<float> x, v, f_int;
+};
+
+// Leaves roll_out, whose only way out is an exception.
+struct Stop {};
+
+template <class Real>
+Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
+  const Manifest& manifest = dataset.manifest();
+  const fem::Physics& physics = manifest.physics;
+  const Trajectory& record = choose(dataset, o);
+  const Index n_frames = o.frames > 0 ? o.frames : record.frames();
+  const Index substeps = count_substeps(manifest.h, o.dt);
+  const double step = manifest.h / static_cast<double>(substeps);
+
+  // The two seams.
+  std::optional<Model<Real>> model;
+  if (!o.model.empty()) model.emplace(load_model<Real>(o.model));
+  std::unique_ptr<fem::ConstitutiveLaw<Real>> analytic;
+  if (!neural_law(o)) analytic = fem::make_law<Real>(material(o, manifest));
+  const fem::SemiImplicitEuler<Real> euler(physics.material.density, physics.gravity);
+  const fem::ConstitutiveLaw<Real>& law = analytic ? *analytic : model->stress;
+  const fem::Integrator<Real>& integrator =
+      neural_integrator(o) ? static_cast<const fem::Integrator<Real>&>(model->integration) : euler;
+
+  // A model that was trained in the paper's literal loop is rolled out in it.
+  const double stagger = model && model->info.stagger == 0 ? 0 : stagger_at(manifest, step);
+  if (neural_integrator(o) && o.warn && std::abs(model->info.h - manifest.h) > 1e-9 * manifest.h)
+    o.warn(text("the model was trained at h = ", model->info.h, " s, this dataset has ", manifest.h,
+                " s"));
+
+  if (o.warn && !neural_integrator(o) && (analytic || manifest.law_known)) {
+    const std::string warning = fem::stability_warning(
+        dataset.mesh(), analytic ? material(o, manifest) : physics.material, physics.pinned, step);
+    if (!warning.empty()) o.warn(warning);
+  }
+
+  const fem::TetMesh<Real> mesh = dataset.mesh().cast<Real>();
+  std::optional<Real> ground;
+  if (physics.ground) ground = static_cast<Real>(*physics.ground);
+  const auto boundary = fem::make_boundary<Real>(mesh, physics.pinned, ground);
+  const Simulation<Real> simulation{mesh,
+                                    law,
+                                    integrator,
+                                    boundary,
+                                    static_cast<Real>(step),
+                                    substeps,
+                                    static_cast<Real>(stagger)};
+
+  std::vector<Kept> kept;
+  Replay result;
+  result.trajectory = record.name();
+  Matrix<double> x(mesh.n_vertices(), 3), x_true(mesh.n_vertices(), 3);
+  const auto show = [&](const Frame<Real>& frame) {
+    if (!o.output.empty())
+      kept.push_back({frame.x.template cast<float>(), frame.v.template cast<float>(),
+                      frame.f_int.template cast<float>()});
+    if (frame.t <= record.frames()) {
+      x = frame.x.template cast<double>();
+      record.read_x<double>(frame.t, x_true);
+      result.rmse.push_back(rmse(x, x_true));
+    }
+    result.end.frames = frame.t;
+    if (o.progress) o.progress(static_cast<double>(frame.t) / static_cast<double>(n_frames));
+    if (o.stop && o.stop()) throw Stop();
+  };
+  try {
+    result.end = roll_out<Real>(simulation, record.state<Real>(0), n_frames, show);
+  } catch (const Stop&) {
+  }
+
+  if (!kept.empty()) {
+    TrajectoryWriter writer(o.output, static_cast<Index>(kept.size()) - 1, mesh.n_vertices(), 0,
+                            manifest.h);
+    for (std::size_t t = 0; t < kept.size(); ++t)
+      writer.write(static_cast<Index>(t), kept[t].x.cast<double>(), kept[t].v.cast<double>(),
+                   kept[t].f_int.cast<double>());
+    writer.commit();
+  }
+  return result;
+}
+
+}  // namespace
+
+Replay replay(const ReplayOptions& options) {
+  check(options);
+  const Dataset dataset = Dataset::open(options.dataset);
+  return neural_law(options) || neural_integrator(options) ? replay_as<float>(dataset, options)
+                                                           : replay_as<double>(dataset, options);
+}
+
+}  // namespace nmp

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace nmp {
+
+/// What a report shows, as text: each part is the output of another command.
+struct ReportInput {
+  std::string title;
+  std::vector<std::string> evaluations;  // documents of `nmp eval --json`
+  std::string metrics;                   // JSON lines of `nmp train`; may be empty
+  std::string scene_toml, config_toml;   // settings; may be empty
+  std::string commands;                  // how to make it again; may be empty
+};
+
+/// One HTML file that opens without a network: table of errors, RMSE over time of every method and
+/// reference row, training curves, what the stages did, settings. Plots are inline SVG.
+/// @throws InputError  if a part is not what its command writes
+std::string make_report(const ReportInput& input);
+
+}  // namespace nmp

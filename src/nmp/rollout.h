@@ -1,0 +1,67 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "fem/boundary.h"
+#include "fem/constitutive_law.h"
+#include "fem/integrator.h"
+#include "fem/simulator.h"
+#include "fem/tet_mesh.h"
+#include "nmp/dataset.h"
+
+namespace nmp {
+
+/// A body, the two modules that move it, and how.
+template <class Real>
+struct Simulation {
+  const fem::TetMesh<Real>& mesh;
+  const fem::ConstitutiveLaw<Real>& law;
+  const fem::Integrator<Real>& integrator;
+  const fem::Boundary<Real>& boundary;
+  Real h;              // step [s]
+  Index substeps = 1;  // steps per frame
+  /// Stagger s of the velocity convention: velocities inside stand s of a step early, v_in = v - s
+  /// dv at a start, v = v_in + s dv when reported; 0 is the paper's literal loop (design.md section
+  /// 2).
+  Real stagger = 0;
+};
+
+/// What a rollout shows of a frame; the matrices live until the next one.
+template <class Real>
+struct Frame {
+  Index t;
+  ConstView<Real> x, v, f_int;  // #V x 3: v as reported
+};
+
+/// How a rollout ended.
+struct RolloutEnd {
+  Index frames = 0;       // frames shown after frame 0
+  bool diverged = false;  // stopped before all were
+  std::string reason;
+};
+
+/// Rolls a simulation out from `start` for n_frames frames and shows frames 0 ... n_frames, the
+/// start included. A state that is no longer finite, or a law that is not defined, ends it:
+/// `diverged`, with the step, element and vertex in `reason`. After the first frame nothing is
+/// allocated.
+template <class Real>
+RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& start,
+                    Index n_frames, const std::function<void(const Frame<Real>&)>& show);
+
+/// RMSE [m] of a rollout against the record it starts from, at every frame 0 ... n_frames; after a
+/// divergence the body is held at its last finite frame (design.md section 2).
+struct RolloutError {
+  std::vector<double> rmse;
+  RolloutEnd end;
+};
+template <class Real>
+RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth, Index n_frames);
+
+/// v_in at a start or a reset to the truth: v - s dv(x, v, f(x)).   #V x 3
+template <class Real>
+ad::Var<Real> internal_velocity(const Simulation<Real>& simulation, ad::Var<Real> x,
+                                ad::Var<Real> v);
+
+}  // namespace nmp

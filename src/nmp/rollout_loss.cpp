@@ -1,0 +1,257 @@
+#include <algorithm>
+#include <cmath>
+
+#include "autodiff/checkpoint.h"
+#include "autodiff/ops_basic.h"
+#include "autodiff/ops_loss.h"
+#include "autodiff/ops_mat3.h"
+#include "fem/deformation_gradient.h"
+#include "fem/laws.h"
+#include "fem/semi_implicit_euler.h"
+#include "fem/step.h"
+#include "nmp/affine_fit.h"
+#include "nmp/rollout.h"
+#include "nmp/training_loss.h"
+#include "nn/schedule.h"
+
+namespace nmp {
+
+namespace {
+
+// Steps `length` from state `start` of a trajectory, the state reset to the truth at its beginning.
+struct Segment {
+  std::size_t trajectory;
+  Index start, length;
+};
+
+Index reset_interval(const StageConfig& stage, Index step, Index n_steps) {
+  return std::lround(nn::cosine(static_cast<double>(stage.reset_start),
+                                static_cast<double>(stage.reset_end), step, n_steps));
+}
+
+// Whole passes: every trajectory cut into equal segments of about the reset interval, in random
+// order. One pass per epoch.
+std::vector<Segment> plan_epochs(const Trajectories& trajectories, const StageConfig& stage,
+                                 const Random& random) {
+  std::vector<Segment> plan;
+  for (Index epoch = 0; epoch < stage.epochs; ++epoch) {
+    const Index interval = reset_interval(stage, epoch, stage.epochs);
+    std::vector<Segment> pass;
+    for (std::size_t i = 0; i < trajectories.size(); ++i) {
+      const Index frames = trajectories[i]->frames();
+      const Index n = (frames + interval - 1) / interval;
+      for (Index k = 0; k < n; ++k)
+        pass.push_back({i, frames * k / n, frames * (k + 1) / n - frames * k / n});
+    }
+    const Random draw = random.split(static_cast<std::uint64_t>(epoch));
+    for (std::size_t i = pass.size(); i > 1; --i) std::swap(pass[i - 1], pass[draw.below(i, i)]);
+    plan.insert(plan.end(), pass.begin(), pass.end());
+  }
+  return plan;
+}
+
+// Random segments, one per iteration.
+std::vector<Segment> plan_iterations(const Trajectories& trajectories, const StageConfig& stage,
+                                     const Random& random) {
+  std::vector<Segment> plan;
+  for (Index i = 0; i < stage.iterations; ++i) {
+    const Random draw = random.split(static_cast<std::uint64_t>(i));
+    const std::size_t which = draw.below(0, trajectories.size());
+    const Index frames = trajectories[which]->frames();
+    const Index length = std::min(frames, reset_interval(stage, i, stage.iterations));
+    plan.push_back(
+        {which, static_cast<Index>(draw.below(1, static_cast<std::uint64_t>(frames - length) + 1)),
+         length});
+  }
+  return plan;
+}
+
+std::vector<Segment> plan_segments(const Trajectories& trajectories, const StageConfig& stage,
+                                   const Random& random) {
+  return stage.epochs > 0 ? plan_epochs(trajectories, stage, random)
+                          : plan_iterations(trajectories, stage, random);
+}
+
+// Mean squares per vertex of what the terms are measured against, from every 10th state.
+struct Variances {
+  double f = 0, dv = 0, dx = 0;
+};
+
+Variances dataset_variances(const Trajectories& trajectories, Index n_vertices) {
+  constexpr Index kStride = 10;
+  Matrix<double> now(n_vertices, 3), next(n_vertices, 3);
+  Variances sum;
+  double n = 0;
+  for (const Trajectory* trajectory : trajectories) {
+    for (Index t = 0; t + 1 <= trajectory->frames(); t += kStride) {
+      n += static_cast<double>(n_vertices);
+      trajectory->read_x<double>(t, now);
+      trajectory->read_x<double>(t + 1, next);
+      sum.dx += (next - now).squaredNorm();
+      trajectory->read_v<double>(t, now);
+      trajectory->read_v<double>(t + 1, next);
+      sum.dv += (next - now).squaredNorm();
+      if (!trajectory->has_force()) continue;
+      trajectory->read_force<double>(t, now);
+      sum.f += now.squaredNorm();
+    }
+  }
+  if (!(sum.dx > 0) || !(sum.dv > 0))
+    throw InputError("nothing moves in the training trajectories: there is nothing to learn");
+  return {sum.f / n, sum.dv / n, sum.dx / n};
+}
+
+class RolloutLoss : public TrainingLoss {
+ public:
+  RolloutLoss(const Model<float>& model, const Dataset& dataset, const Trajectories& trajectories,
+              const StageConfig& stage, Learned learned, std::uint64_t seed)
+      : model_(model),
+        dataset_(dataset),
+        trajectories_(trajectories),
+        stage_(stage),
+        learned_(learned),
+        mesh_(dataset.mesh().cast<float>()),
+        boundary_(make_boundary()),
+        euler_(dataset.manifest().physics.material.density, dataset.manifest().physics.gravity),
+        plan_(plan_segments(trajectories, stage, Random(seed).split("segments"))),
+        variances_(dataset_variances(trajectories, mesh_.n_vertices())) {
+    if (learned != Learned::both && !dataset.manifest().law_known)
+      throw ConfigError(
+          "training one module through its analytic twin needs a dataset whose law and "
+          "density are known");
+    if (learned == Learned::integrator)
+      law_ = fem::make_law<float>(dataset.manifest().physics.material);
+    has_force_ = variances_.f > 0;
+    if (learned == Learned::law && !has_force_)
+      throw InputError("the law is trained on f_int, which the training trajectories do not hold");
+    x_true_.resize(mesh_.n_vertices(), 3);
+    v_true_ = f_true_ = x_true_;
+  }
+
+  ad::Var<float> operator()(ad::Tape<float>& tape, Index iteration) override {
+    const Segment segment = plan_[static_cast<std::size_t>(iteration)];
+    const Trajectory& truth = *trajectories_[segment.trajectory];
+    const Simulation<float> simulation = this->simulation();
+    const fem::State<float> start = truth.state<float>(segment.start);
+
+    const ad::Var<float> x = tape.constant(start.x);
+    ad::Vars<float> state{x, internal_velocity(simulation, x, tape.constant(start.v))};
+    ad::Var<float> loss;
+    for (Index k = 0; k <= segment.length; ++k) {
+      const bool last = k == segment.length;
+      const ad::Piece<float> piece = [this, &truth, segment, k, last](ad::Tape<float>&,
+                                                                      const ad::Vars<float>& in) {
+        return step(truth, segment.start + k, k == 0, last, in);
+      };
+      ad::Vars<float> out = ad::checkpoint<float>(piece, state);
+      loss = k == 0 ? out.back() : ad::add(loss, out.back());
+      if (!last) state = {out[0], out[1]};
+    }
+    return ad::scale(loss, 1.0f / static_cast<float>(segment.length));
+  }
+
+ private:
+  fem::Boundary<float> make_boundary() const {
+    const fem::Physics& physics = dataset_.manifest().physics;
+    std::optional<float> ground;
+    if (physics.ground) ground = static_cast<float>(*physics.ground);
+    return fem::make_boundary<float>(mesh_, physics.pinned, ground);
+  }
+
+  Simulation<float> simulation() const {
+    const fem::ConstitutiveLaw<float>& net_law = model_.stress;
+    const fem::Integrator<float>& net_integrator = model_.integration;
+    const fem::Integrator<float>& euler = euler_;
+    return {mesh_,
+            learned_ == Learned::integrator ? *law_ : net_law,
+            learned_ == Learned::law ? euler : net_integrator,
+            boundary_,
+            static_cast<float>(dataset_.manifest().h),
+            1,
+            static_cast<float>(model_.info.stagger)};
+  }
+
+  // One step from the state `in` = (x, v): the losses at that state and the next state. The first
+  // state of a segment is the truth, so that only its force says something; the last is not left.
+  ad::Vars<float> step(const Trajectory& truth, Index t, bool first, bool last,
+                       const ad::Vars<float>& in) {
+    const Simulation<float> simulation = this->simulation();
+    const fem::StepContext<float> context{mesh_, simulation.h, boundary_};
+    const ad::Var<float> x = in[0], v = in[1];
+    const ad::Var<float> f_int = simulation.law.internal_force(mesh_, x);
+    const ad::Var<float> dv = simulation.integrator.dv(context, x, v, f_int);
+
+    truth.read_x<float>(t, x_true_);
+    truth.read_v<float>(t, v_true_);
+    ad::Tape<float>& tape = x.tape();
+    ad::Var<float> loss = tape.constant(Matrix<float>::Zero(1, 1));
+    const auto add_term = [&](ad::Var<float> error, double variance) {
+      const double n = static_cast<double>(mesh_.n_vertices());
+      loss =
+          ad::add(loss, ad::scale(ad::squared_norm(error), static_cast<float>(1 / (n * variance))));
+    };
+    if (learned_ != Learned::integrator && has_force_) {
+      truth.read_force<float>(t, f_true_);
+      add_term(ad::subtract(f_int, tape.constant(f_true_)), variances_.f);
+    }
+    if (!first) {
+      add_term(ad::subtract(x, tape.constant(x_true_)), variances_.dx);
+      if (learned_ != Learned::law) {
+        const ad::Var<float> reported = ad::add(v, ad::scale(dv, simulation.stagger));
+        add_term(ad::multiply(ad::subtract(reported, tape.constant(v_true_)), velocity_mask(tape)),
+                 variances_.dv);
+      }
+      if (learned_ == Learned::both && stage_.volume_weight > 0) {
+        const auto epsilon = static_cast<float>(stage_.volume_epsilon);
+        const ad::Var<float> J_minus_one = ad::det_minus_one(fem::deformation_gradient(mesh_, x));
+        loss = ad::add(loss,
+                       ad::scale(ad::hinge_squared(J_minus_one, epsilon),
+                                 static_cast<float>(stage_.volume_weight) / (epsilon * epsilon)));
+      }
+    }
+    if (last) return {loss};
+    const fem::Contact<float> next = fem::advance(context, x, v, dv);
+    return {next.x, next.v, loss};
+  }
+
+  // 0 where v* is set by a boundary rather than by dv: pinned vertices, vertical at the ground.
+  ad::Var<float> velocity_mask(ad::Tape<float>& tape) const {
+    MatrixMap<float> mask = tape.allocate(mesh_.n_vertices(), 3);
+    mask.setOnes();
+    const std::vector<char> touch =
+        touching(dataset_.manifest(), x_true_.cast<double>(), v_true_.cast<double>());
+    for (Index i = 0; i < mask.rows(); ++i)
+      if (touch[static_cast<std::size_t>(i)]) mask(i, 2) = 0;
+    for (const int i : boundary_.pinned) mask.row(i).setZero();
+    return tape.constant(mask);
+  }
+
+  const Model<float>& model_;
+  const Dataset& dataset_;
+  Trajectories trajectories_;
+  StageConfig stage_;
+  Learned learned_;
+  fem::TetMesh<float> mesh_;
+  fem::Boundary<float> boundary_;
+  fem::SemiImplicitEuler<float> euler_;
+  std::unique_ptr<fem::ConstitutiveLaw<float>> law_;
+  std::vector<Segment> plan_;
+  Variances variances_;
+  bool has_force_ = false;
+  Matrix<float> x_true_, v_true_, f_true_;
+};
+
+}  // namespace
+
+std::unique_ptr<TrainingLoss> make_rollout_loss(const Model<float>& model, const Dataset& dataset,
+                                                const Trajectories& trajectories,
+                                                const StageConfig& stage, Learned learned,
+                                                std::uint64_t seed) {
+  return std::make_unique<RolloutLoss>(model, dataset, trajectories, stage, learned, seed);
+}
+
+Index rollout_iterations(const Trajectories& trajectories, const StageConfig& stage) {
+  return static_cast<Index>(plan_segments(trajectories, stage, Random(0)).size());
+}
+
+}  // namespace nmp

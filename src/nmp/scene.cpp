@@ -1,0 +1,150 @@
+#include "nmp/scene.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <limits>
+
+#include "base/check.h"
+#include "fem/mesh_cube.h"
+#include "nmp/config.h"
+#include "nmp/shipped.h"
+
+namespace nmp {
+namespace {
+
+constexpr std::int64_t kMaxVerticesPerEdge = 400;  // 4 #T, the number of corners, stays below 2^31
+constexpr std::int64_t kMaxSeed = std::numeric_limits<std::int64_t>::max();
+
+// Every key of a scene, once, for both directions: Config is ConfigReader or ConfigWriter.
+template <class Config>
+void exchange(Config& config, Scene& s) {
+  fem::Physics& physics = s.physics;
+  s.name = config.word("name", s.name);
+  physics.gravity = config.vector("gravity", physics.gravity);
+
+  s.shape = config.choice("mesh.shape", s.shape, {"cube"});
+  s.vertices_per_edge =
+      config.integer("mesh.vertices_per_edge", s.vertices_per_edge, 2, kMaxVerticesPerEdge);
+  s.side = config.number("mesh.side", s.side, 1e-6, 1e6);
+  const std::int64_t n_vertices = s.vertices_per_edge * s.vertices_per_edge * s.vertices_per_edge;
+
+  fem::Material& material = physics.material;
+  material.law = config.choice("material.law", material.law, {"neo-hookean", "stvk"});
+  material.E = config.number("material.E", material.E, 1e-3, 1e15);
+  material.nu = config.number("material.nu", material.nu, -0.99, 0.4999);
+  material.density = config.number("material.density", material.density, 1e-6, 1e9);
+
+  physics.ground = config.number_or_none("contact.ground", physics.ground, -1e6, 1e6);
+
+  const auto pinned = config.integers(
+      "pins.vertices", std::vector<std::int64_t>(physics.pinned.begin(), physics.pinned.end()), 0,
+      n_vertices - 1);
+  physics.pinned.assign(pinned.begin(), pinned.end());
+  std::sort(physics.pinned.begin(), physics.pinned.end());
+  physics.pinned.erase(std::unique(physics.pinned.begin(), physics.pinned.end()),
+                       physics.pinned.end());
+
+  // What the defaults mean without a ground or with pins.
+  if (!physics.pinned.empty()) s.random_orientation = false;
+  if (!physics.pinned.empty() || !physics.ground) s.clearance.reset();
+  s.random_orientation = config.boolean("initial.random_orientation", s.random_orientation);
+  s.clearance = config.number_or_none("initial.clearance", s.clearance, 0, 1e6);
+  s.v_min = config.vector("initial.v_min", s.v_min);
+  s.v_max = config.vector("initial.v_max", s.v_max);
+
+  s.dt = config.number("time.dt", s.dt, 1e-12, 1);
+  s.substeps = config.integer("time.substeps", s.substeps, 1, 1'000'000);
+  s.frames = config.integer("time.frames", s.frames, 1, 10'000'000);
+
+  s.train = config.integer("dataset.train", s.train, 0, 100'000);
+  s.validation = config.integer("dataset.validation", s.validation, 0, 100'000);
+  s.seed = static_cast<std::uint64_t>(
+      config.integer("dataset.seed", static_cast<std::int64_t>(s.seed), 0, kMaxSeed));
+}
+
+}  // namespace
+
+Scene parse_scene(const std::string& text, const std::string& origin,
+                  const std::vector<std::string>& overrides) {
+  ConfigReader config = ConfigReader::parse(text, origin, overrides);
+  Scene scene;
+  exchange(config, scene);
+  config.finish();
+
+  if (scene.name.empty()) config.fail("name", "expected a name, found none");
+  if (!scene.physics.pinned.empty()) {
+    const std::string why = "of a body with pins, which starts at rest";
+    if (scene.random_orientation) {
+      config.fail("initial.random_orientation", "expected false " + why + ", found true");
+    }
+    if (scene.clearance) config.fail("initial.clearance", "expected \"none\" " + why);
+  }
+  if (scene.clearance && !scene.physics.ground) {
+    config.fail("initial.clearance", "expected \"none\" where contact.ground is \"none\"");
+  }
+  if ((scene.v_min.array() > scene.v_max.array()).any()) {
+    config.fail(config.has("initial.v_min") ? "initial.v_min" : "initial.v_max",
+                "expected v_min at most v_max in each component");
+  }
+  if (scene.train + scene.validation == 0) {
+    config.fail("dataset.train", "expected at least one trajectory in train and validation");
+  }
+  return scene;
+}
+
+Scene read_scene(const std::string& name, const std::vector<std::string>& overrides) {
+  const char* shipped = find_shipped_scene(name);
+  return parse_scene(read_config_text(name, shipped, "scene", shipped_scene_names()),
+                     shipped == nullptr ? name : name + ".toml", overrides);
+}
+
+std::string to_toml(const Scene& scene) {
+  NMP_CHECK(scene.seed <= static_cast<std::uint64_t>(kMaxSeed),
+            text("a scene's seed must be below 2^63, got ", scene.seed));
+  ConfigWriter config;
+  Scene copy = scene;
+  exchange(config, copy);
+  return config.text();
+}
+
+fem::TetMesh<double> make_mesh(const Scene& scene) {
+  NMP_CHECK(scene.shape == "cube", "the shape of a scene must be cube, got " + scene.shape);
+  return fem::cube_mesh(scene.vertices_per_edge, scene.side);
+}
+
+std::uint64_t trajectory_seed(const Scene& scene, const std::string& split, Index index) {
+  return Random(scene.seed).split(split).split(static_cast<std::uint64_t>(index)).bits(0) >> 11;
+}
+
+fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>& mesh,
+                                 const std::string& split, Index index) {
+  const Random random(trajectory_seed(scene, split, index));
+  const std::vector<int>& pinned = scene.physics.pinned;
+  fem::State<double> state{mesh.vertices(), Matrix<double>(mesh.n_vertices(), 3)};
+
+  if (scene.random_orientation && pinned.empty()) {
+    // Four normals are a direction in 4 dimensions without preference: a uniform unit quaternion.
+    const Random draw = random.split("orientation");
+    const Eigen::Quaterniond q(draw.normal(0), draw.normal(1), draw.normal(2), draw.normal(3));
+    const Mat3<double> R = q.normalized().toRotationMatrix();
+    // x = R (X - c) + c, with c the centre of mass.
+    const Vec3<double> c =
+        mesh.vertices().transpose() * mesh.vertex_volumes() / mesh.total_volume();
+    const Matrix<double> from_c = mesh.vertices().rowwise() - c.transpose();
+    state.x = (from_c * R.transpose()).rowwise() + c.transpose();
+  }
+  if (scene.clearance && scene.physics.ground && pinned.empty()) {
+    const double lowest = state.x.col(2).minCoeff();
+    state.x.col(2).array() += *scene.physics.ground + *scene.clearance - lowest;
+  }
+
+  const Random draw = random.split("velocity");
+  for (Index i = 0; i < 3; ++i) {
+    state.v.col(i).setConstant(
+        draw.uniform(static_cast<std::uint64_t>(i), scene.v_min(i), scene.v_max(i)));
+  }
+  for (const int vertex : pinned) state.v.row(vertex).setZero();
+  return state;
+}
+
+}  // namespace nmp

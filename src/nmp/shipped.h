@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+namespace nmp {
+
+/// A text file built into the library; `name` is its file name without the extension.
+struct ShippedFile {
+  const char* name;
+  const char* text;
+};
+
+/// The TOML scenes of scenes/ and training configurations of models/, in alphabetical order. The
+/// build writes these tables (cmake/embed.cmake).
+extern const ShippedFile kShippedScenes[];
+extern const std::size_t kShippedSceneCount;
+extern const ShippedFile kShippedConfigs[];
+extern const std::size_t kShippedConfigCount;
+
+/// Text of scenes/<name>.toml, or nullptr if no scene of that name ships.
+const char* find_shipped_scene(const std::string& name);
+/// Text of models/<name>.toml, or nullptr if no configuration of that name ships.
+const char* find_shipped_config(const std::string& name);
+
+/// The names that find_shipped_scene knows, in alphabetical order.
+std::vector<std::string> shipped_scene_names();
+/// The names that find_shipped_config knows, in alphabetical order.
+std::vector<std::string> shipped_config_names();
+
+}  // namespace nmp

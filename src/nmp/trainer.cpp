@@ -1,0 +1,405 @@
+#include "nmp/trainer.h"
+
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "fem/deformation_gradient.h"
+#include "fem/laws.h"
+#include "fem/semi_implicit_euler.h"
+#include "nmp/affine_fit.h"
+#include "nmp/metrics.h"
+#include "nmp/rollout.h"
+#include "nmp/training_loss.h"
+#include "nn/adam.h"
+#include "nn/schedule.h"
+
+namespace nmp {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point begin) {
+  return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+// -- scales
+// ----------------------------------------------------------------------------------------
+
+constexpr Index kScaleStride = 10;  // every 10th state is enough for an rms
+
+// Root mean square of n numbers; 1 where there is nothing to scale.
+double rms(const char* what, double squares, double n) {
+  if (!std::isfinite(squares))
+    throw InputError(text("the training trajectories hold values that are not finite: ", what));
+  return squares > 0 ? std::sqrt(squares / n) : 1.0;
+}
+
+// rms over vertices and states of training trajectories.
+IntegrationScales integration_scales(const Dataset& dataset, bool raw_force) {
+  const Index n_vertices = dataset.mesh().n_vertices();
+  const fem::Physics& physics = dataset.manifest().physics;
+  Matrix<double> x(n_vertices, 3), v(n_vertices, 3), v_next(n_vertices, 3), f(n_vertices, 3);
+  double sum_x = 0, sum_v = 0, sum_f = 0, sum_a = 0, n = 0;
+  for (const Trajectory& trajectory : dataset.train()) {
+    for (Index t = 0; t < trajectory.frames(); t += kScaleStride) {
+      n += static_cast<double>(n_vertices);
+      trajectory.read_x<double>(t, x);
+      trajectory.read_v<double>(t, v);
+      trajectory.read_v<double>(t + 1, v_next);
+      const Eigen::RowVector3d centroid = x.colwise().mean();
+      sum_x += (x.rowwise() - centroid).squaredNorm();
+      sum_v += v.squaredNorm();
+      sum_a += (v_next - v).squaredNorm();
+      if (!trajectory.has_force()) continue;
+      trajectory.read_force<double>(t, f);
+      if (!raw_force)
+        f.array().colwise() *= dataset.mesh().reciprocal_vertex_volumes().col(0).array();
+      sum_f += f.squaredNorm();
+    }
+  }
+  return {rms("x", sum_x, n), rms("v", sum_v, n), rms("f_int", sum_f, n),
+          rms("v", sum_a, n) / dataset.manifest().h,
+          !physics.pinned.empty() ? "absolute"
+          : physics.ground        ? "height"
+                                  : "centred"};
+}
+
+struct StressScales {
+  double P, z;
+};
+
+// rms of an entry of the true stress (without a known law, of force per face area), and of z.
+StressScales stress_scales(const Dataset& dataset) {
+  const fem::TetMesh<double>& mesh = dataset.mesh();
+  std::unique_ptr<fem::ConstitutiveLaw<double>> law;
+  if (dataset.manifest().law_known)
+    law = fem::make_law<double>(dataset.manifest().physics.material);
+  ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
+  Matrix<double> batch(mesh.n_vertices(), 3);
+  double sum_P = 0, n_P = 0, sum_z = 0, n_z = 0;
+  for (const Trajectory& trajectory : dataset.train()) {
+    for (Index t = 0; t <= trajectory.frames(); t += kScaleStride) {
+      tape.clear();
+      trajectory.read_x<double>(t, batch);
+      const auto F = fem::deformation_gradient(mesh, tape.constant(batch));
+      const auto z = StressNet<double>::features(F).z.value();
+      sum_z += z.squaredNorm();
+      n_z += static_cast<double>(z.size());
+      if (law) {
+        const auto P = law->stress(F).value();
+        sum_P += P.squaredNorm();
+        n_P += static_cast<double>(P.size());
+      } else if (trajectory.has_force()) {
+        trajectory.read_force<double>(t, batch);
+        sum_P += batch.squaredNorm() / std::pow(mesh.mean_edge_length(), 4);
+        n_P += static_cast<double>(batch.size());
+      }
+    }
+  }
+  return {rms("stress", sum_P, n_P), rms("x", sum_z, n_z)};
+}
+
+// -- a training run
+// --------------------------------------------------------------------------------
+
+class Run {
+ public:
+  Run(Model<float>& model, const Dataset& dataset, const TrainConfig& config,
+      const TrainOptions& options)
+      : model_(model),
+        dataset_(dataset),
+        config_(config),
+        options_(options),
+        physics_(dataset.manifest().physics),
+        mesh_(dataset.mesh().cast<float>()),
+        boundary_(fem::make_boundary<float>(mesh_, physics_.pinned, ground())),
+        euler_(physics_.material.density, physics_.gravity) {
+    if (dataset.manifest().law_known) law_ = fem::make_law<float>(physics_.material);
+    const auto n = static_cast<Index>(dataset.train().size());
+    if (n == 0) throw InputError(dataset.folder().string() + ": there is no training trajectory");
+    if (config.select >= n)
+      throw ConfigError(text("select = ", config.select, " sets aside all ", n,
+                             " training trajectories; at most ", n - 1, " can be"));
+    for (Index i = 0; i < n; ++i)
+      (i < n - config.select ? learn_ : trial_)
+          .push_back(&dataset.train()[static_cast<std::size_t>(i)]);
+    if (trial_.empty()) trial_.push_back(learn_.front());
+  }
+
+  TrainResult run() {
+    const bool all = options_.stage == "all";
+    if (all || options_.stage == "constitutive") constitutive();
+    if (all || options_.stage == "integration") integration();
+    if (all || options_.stage == "joint") joint();
+    return std::move(result_);
+  }
+
+ private:
+  std::optional<float> ground() const {
+    if (!physics_.ground) return std::nullopt;
+    return static_cast<float>(*physics_.ground);
+  }
+
+  void say(const std::string& sentence) const {
+    if (options_.say) options_.say(sentence);
+  }
+  void log(const Json& line) const {
+    if (options_.metrics) *options_.metrics << line.dump() << "\n" << std::flush;
+  }
+
+  // Stage 1a (paper Sec. 3.3): the law, with the analytic integrator beside it.
+  void constitutive() {
+    const StageConfig& stage = config_.constitutive;
+    if (skipped("constitutive", stage)) return;
+    const auto loss =
+        stage.method == "pairs"
+            ? make_pairs_loss(model_, dataset_, learn_, stage, config_.seed)
+            : make_rollout_loss(model_, dataset_, learn_, stage, Learned::law, config_.seed);
+    optimise({"constitutive", "neural law, semi-implicit Euler"}, stage, *loss,
+             model_.stress.parameters(), simulation(model_.stress, euler_));
+  }
+
+  // Stage 1b: the integrator, with the analytic law beside it. The affine part comes first, in
+  // closed form.
+  void integration() {
+    const StageConfig& stage = config_.integrate;
+    if (model_.integration.affine()) {
+      const AffineFit fit = fit_affine(dataset_, learn_, stage.fit_window, model_.info.stagger);
+      model_.integration.set_affine(fit.alpha, fit.b);
+      model_.info.affine_alpha = fit.alpha;
+      model_.info.affine_b = fit.b;
+      say(text("affine part from ", fit.n_equations, " windows of ", stage.fit_window,
+               " frames: 1/alpha = ", 1 / fit.alpha, " kg/m3, b = (", fit.b[0], ", ", fit.b[1],
+               ", ", fit.b[2], ") m/s2, rms left ", fit.residual, " m/s2"));
+      log({{"event", "fit"},
+           {"alpha", fit.alpha},
+           {"b", {fit.b[0], fit.b[1], fit.b[2]}},
+           {"residual", fit.residual}});
+    }
+    if (skipped("integration", stage)) return;
+    if (!law_)
+      throw ConfigError(
+          "the integration stage needs a dataset whose law is known: its rollouts use it");
+    const auto loss =
+        stage.method == "windows"
+            ? make_windows_loss(model_, dataset_, learn_, stage, config_.seed)
+            : make_rollout_loss(model_, dataset_, learn_, stage, Learned::integrator, config_.seed);
+    optimise({"integration", "analytic law, neural integrator"}, stage, *loss,
+             model_.integration.parameters(), simulation(*law_, model_.integration));
+  }
+
+  // Stage 2: both together, with the volume hinge.
+  void joint() {
+    const StageConfig& stage = config_.joint;
+    if (skipped("joint", stage)) return;
+    const auto loss =
+        make_rollout_loss(model_, dataset_, learn_, stage, Learned::both, config_.seed);
+    nn::ParameterList<float> parameters = model_.stress.parameters();
+    for (auto* p : model_.integration.parameters()) parameters.push_back(p);
+    optimise({"joint", "neural law, neural integrator"}, stage, *loss, parameters,
+             simulation(model_.stress, model_.integration));
+    const StageReport& report = result_.stages.back();
+    if (report.iterations > 0 && report.change_end == 0)
+      throw NumericalError(text("the joint stage changed no weight in ", report.iterations,
+                                " steps: are its learning rate and its weights in order?"));
+  }
+
+  bool skipped(const std::string& name, const StageConfig& stage) const {
+    if (!result_.complete) return true;
+    if (stage.iterations > 0 || stage.epochs > 0) return false;
+    say(name + ": no iterations are configured, stage skipped");
+    return true;
+  }
+
+  Simulation<float> simulation(const fem::ConstitutiveLaw<float>& law,
+                               const fem::Integrator<float>& integrator) const {
+    return {mesh_,
+            law,
+            integrator,
+            boundary_,
+            static_cast<float>(dataset_.manifest().h),
+            1,
+            static_cast<float>(model_.info.stagger)};
+  }
+
+  // Root mean square over the frames of the set-aside trajectories of a rollout's RMSE [m].
+  double trial(const Simulation<float>& simulation) const {
+    double sum = 0, n = 0;
+    for (const Trajectory* truth : trial_) {
+      for (const double error : compare(simulation, *truth, truth->frames()).rmse) {
+        sum += error * error;
+        n += 1;
+      }
+    }
+    return std::sqrt(sum / n);
+  }
+
+  struct Names {
+    std::string stage, pairing;
+  };
+
+  void optimise(const Names& names, const StageConfig& stage, TrainingLoss& loss,
+                const nn::ParameterList<float>& parameters, const Simulation<float>& simulation) {
+    const bool rollout = stage.method == "rollout";
+    StageReport report;
+    report.stage = names.stage;
+    report.pairing = names.pairing;
+    report.planned = rollout ? rollout_iterations(learn_, stage) : stage.iterations;
+    say(text(names.stage, ": ", report.planned, " steps of ", stage.method, " on ",
+             nn::n_weights(parameters), " weights"));
+
+    nn::set_frozen(model_.parameters(), true);
+    nn::set_frozen(parameters, false);
+    const auto before = nn::values(parameters);
+    auto best = before;
+    report.rmse_before = report.rmse_kept = trial(simulation);
+    const auto try_weights = [&] {
+      report.rmse_after = trial(simulation);
+      if (!(report.rmse_after < report.rmse_kept)) return;
+      report.rmse_kept = report.rmse_after;
+      report.kept = report.iterations;
+      best = nn::values(parameters);
+    };
+
+    const auto begin = Clock::now();
+    nn::Adam<float> adam(parameters);
+    ad::Tape<float> tape;
+    Index skipped_in_a_row = 0;
+    while (report.iterations < report.planned && !stop_requested()) {
+      const Index i = report.iterations;
+      tape.clear();
+      nn::zero_bars(parameters);
+      const ad::Var<float> L = loss(tape, i);
+      tape.backward(L);
+      TrainEvent event{names.stage,
+                       i,
+                       report.planned,
+                       L.value()(0, 0),
+                       nn::cosine(stage.lr, stage.lr_end, i, report.planned),
+                       0,
+                       0};
+      const std::string bad =
+          std::isfinite(event.loss) ? nn::first_non_finite_bar(parameters) : "loss";
+      if (bad.empty()) {
+        event.gradient_norm = nn::clip_gradient_norm(parameters, stage.clip);
+        adam.step(event.learning_rate);
+        skipped_in_a_row = 0;
+      } else {
+        refuse_update(names.stage, i, bad, ++skipped_in_a_row);
+      }
+      ++report.iterations;
+      event.seconds = seconds_since(begin);
+      if (options_.progress) options_.progress(event);
+      if (report.iterations == kTimedSteps) announce_duration(event);
+      log({{"event", "step"},
+           {"stage", event.stage},
+           {"iteration", event.iteration},
+           {"iterations", event.iterations},
+           {"loss", event.loss},
+           {"lr", event.learning_rate},
+           {"grad_norm", event.gradient_norm},
+           {"seconds", event.seconds}});
+      if (stage.select_every > 0 && report.iterations % stage.select_every == 0 &&
+          report.iterations < report.planned)
+        try_weights();
+    }
+    result_.complete = report.iterations == report.planned;
+    report.change_end = nn::relative_change(parameters, before);
+    try_weights();
+    nn::set_values(parameters, best);
+    report.change = nn::relative_change(parameters, before);
+    report.seconds = seconds_since(begin);
+    model_.info.state = names.stage + (result_.complete ? "" : " (stopped early)");
+    finish(report);
+  }
+
+  // A long stage tells at its start how long it will be.
+  static constexpr Index kTimedSteps = 3;
+  void announce_duration(const TrainEvent& event) const {
+    const double minutes = event.seconds / 60 * static_cast<double>(event.iterations) /
+                           static_cast<double>(kTimedSteps);
+    if (minutes > 2)
+      say(text(event.stage, ": about ", std::ceil(minutes), " minutes for all of its ",
+               event.iterations, " steps at this pace"));
+  }
+
+  // NN10: the weights stay as they were.
+  void refuse_update(const std::string& stage, Index iteration, const std::string& bad,
+                     Index in_a_row) const {
+    const std::string what =
+        text(stage, ", step ", iteration, ": the ", bad == "loss" ? "loss" : "gradient of " + bad,
+             " is not finite; the weights were left as they were");
+    if (in_a_row > config_.skip_non_finite)
+      throw NumericalError(what + " (skip_non_finite allows to go on, a lower lr may help)");
+    say(what);
+  }
+
+  void finish(const StageReport& report) {
+    result_.stages.push_back(report);
+    log({{"event", "stage"},
+         {"stage", report.stage},
+         {"pairing", report.pairing},
+         {"iterations", report.iterations},
+         {"planned", report.planned},
+         {"rmse_before", report.rmse_before},
+         {"rmse_after", report.rmse_after},
+         {"kept", report.kept},
+         {"rmse_kept", report.rmse_kept},
+         {"change", report.change},
+         {"change_end", report.change_end},
+         {"seconds", report.seconds}});
+    say(text(report.stage, " (", report.pairing, "): RMSE ", report.rmse_before, " -> ",
+             report.rmse_after, " m, weights moved by ", 100 * report.change_end,
+             " %; kept those after ", report.kept, " of ", report.iterations, " steps, ",
+             report.rmse_kept, " m (moved by ", 100 * report.change, " %)"));
+  }
+
+  bool stop_requested() const {
+    if (options_.stop && options_.stop()) return true;
+    return options_.max_minutes > 0 && seconds_since(begin_) > 60 * options_.max_minutes;
+  }
+
+  Model<float>& model_;
+  const Dataset& dataset_;
+  const TrainConfig& config_;
+  const TrainOptions& options_;
+  fem::Physics physics_;
+  fem::TetMesh<float> mesh_;
+  fem::Boundary<float> boundary_;
+  fem::SemiImplicitEuler<float> euler_;
+  std::unique_ptr<fem::ConstitutiveLaw<float>> law_;
+  Trajectories learn_, trial_;
+  TrainResult result_;
+  Clock::time_point begin_ = Clock::now();
+};
+
+}  // namespace
+
+Model<float> make_model(const TrainConfig& config, const Dataset& dataset) {
+  Model<float> model(config.stress, config.integration, config.seed);
+  if (dataset.train().empty())
+    throw InputError(dataset.folder().string() + ": there is no training trajectory");
+  const StressScales stress = stress_scales(dataset);
+  model.stress.set_scales(stress.P, stress.z);
+  model.integration.set_scales(integration_scales(dataset, model.integration.raw_force()));
+  model.info.h = dataset.manifest().h;
+  model.info.stagger = config.staggered ? dataset.stagger() : 0;
+  model.info.scene = dataset.manifest().scene_name;
+  model.info.dataset = hash_file(dataset.folder() / "manifest.json");
+  model.info.config = to_toml(config);
+  return model;
+}
+
+TrainResult train(Model<float>& model, const Dataset& dataset, const TrainConfig& config,
+                  const TrainOptions& options) {
+  NMP_CHECK(options.stage == "all" || options.stage == "constitutive" ||
+                options.stage == "integration" || options.stage == "joint",
+            "the stage must be constitutive, integration, joint or all, got " + options.stage);
+  return Run(model, dataset, config, options).run();
+}
+
+}  // namespace nmp

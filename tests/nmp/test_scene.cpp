@@ -1,0 +1,194 @@
+#include "nmp/scene.h"
+
+#include <doctest/doctest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "base/check.h"
+#include "nmp/folder.h"
+
+using namespace nmp;
+using test::contains;
+
+namespace {
+
+std::string refusal(const std::string& text, const std::vector<std::string>& overrides = {}) {
+  return test::message<ConfigError>([&] { parse_scene(text, "a.toml", overrides); });
+}
+
+// The linear map that takes the rest positions to x, from the centre of mass on.
+Mat3<double> turn(const fem::TetMesh<double>& mesh, const Matrix<double>& x) {
+  const Matrix<double> X = mesh.vertices().rowwise() - mesh.vertices().colwise().mean();
+  const Matrix<double> Y = x.rowwise() - x.colwise().mean();
+  return (X.transpose() * X).ldlt().solve(X.transpose() * Y).transpose();
+}
+
+}  // namespace
+
+TEST_SUITE("nmp/scene") {
+  TEST_CASE("the scene that ships is CUBE, and every default is its") {
+    const Scene cube = read_scene("cube");
+    CHECK(cube.name == "cube");
+    CHECK(cube.vertices_per_edge == 10);
+    CHECK(cube.side == 1);
+    CHECK(cube.physics.material.law == "neo-hookean");
+    CHECK(cube.physics.material.E == 5e5);
+    CHECK(cube.physics.material.nu == 0.45);
+    CHECK(cube.physics.material.density == 1000);
+    CHECK(cube.physics.gravity == Vec3<double>(0, 0, -9.8));
+    CHECK(cube.physics.ground == 0.0);
+    CHECK(cube.physics.pinned.empty());
+    CHECK(cube.clearance == 0.1);
+    CHECK(cube.v_min == Vec3<double>(-2, -2, -3));
+    CHECK(cube.v_max == Vec3<double>(2, 2, 1));
+    CHECK(cube.h() == doctest::Approx(5e-4));
+    CHECK(cube.frames == 1000);
+    CHECK(cube.train == 32);
+    CHECK(cube.validation == 8);
+    CHECK(to_toml(cube) == to_toml(parse_scene("", "empty")));
+    CHECK(to_toml(cube) == to_toml(Scene()));
+  }
+
+  TEST_CASE("the text of a scene reads back exactly") {
+    Scene scene;
+    scene.name = "odd \"name\"";
+    scene.side = 1.0 / 3;
+    scene.physics.material = {"stvk", 123456.789012345, 0.1, 1.0 / 7};
+    scene.physics.gravity = {1e-300, -0.1, 0};
+    scene.physics.ground = -1.25;
+    scene.clearance = 2.0 / 3;
+    scene.dt = 1.1e-5;
+    scene.seed = 9'223'372'036'854'775'807u;
+    const Scene read = parse_scene(to_toml(scene), "a.toml");
+    CHECK(to_toml(read) == to_toml(scene));
+    CHECK(read.name == scene.name);
+    CHECK(read.side == scene.side);
+    CHECK(read.physics.material.E == scene.physics.material.E);
+    CHECK(read.physics.material.density == scene.physics.material.density);
+    CHECK(read.physics.gravity == scene.physics.gravity);
+    CHECK(read.physics.ground == scene.physics.ground);
+    CHECK(read.clearance == scene.clearance);
+    CHECK(read.dt == scene.dt);
+    CHECK(read.seed == scene.seed);
+    scene.seed += 1;
+    CHECK_THROWS_AS(to_toml(scene), std::invalid_argument);
+  }
+
+  TEST_CASE("without a ground or with pins there is no clearance") {
+    const Scene floating = parse_scene("[contact]\nground = \"none\"\n", "a.toml");
+    CHECK_FALSE(floating.physics.ground.has_value());
+    CHECK_FALSE(floating.clearance.has_value());
+    CHECK(floating.random_orientation);
+    CHECK(to_toml(parse_scene(to_toml(floating), "a.toml")) == to_toml(floating));
+
+    const Scene pinned = parse_scene("[pins]\nvertices = [7, 3, 7]\n", "a.toml");
+    CHECK(pinned.physics.pinned == std::vector<int>{3, 7});
+    CHECK_FALSE(pinned.random_orientation);
+    CHECK_FALSE(pinned.clearance.has_value());
+    CHECK(to_toml(parse_scene(to_toml(pinned), "a.toml")) == to_toml(pinned));
+  }
+
+  TEST_CASE("overrides go before the file") {
+    const Scene scene = read_scene("cube", {"time.frames=5", "material.law=stvk", "name=quick"});
+    CHECK(scene.frames == 5);
+    CHECK(scene.physics.material.law == "stvk");
+    CHECK(scene.name == "quick");
+  }
+
+  TEST_CASE("scenes are found by file and by name") {
+    const test::Folder folder;
+    test::put(folder / "mine.toml", "name = \"mine\"\n[mesh]\nsid = 2\n");
+    const std::string path = (folder / "mine.toml").string();
+    CHECK(test::message<ConfigError>([&] { read_scene(path); }) ==
+          path + ":3:1: unknown key 'mesh.sid'; did you mean 'mesh.side'?");
+    test::put(folder / "mine.toml", "name = \"mine\"\n");
+    CHECK(read_scene(path).name == "mine");
+    const std::string unknown = test::message<ConfigError>([] { read_scene("cubes"); });
+    CHECK(contains(unknown, "that ships (cube"));
+    CHECK(contains(unknown, "did you mean 'cube'?"));
+    CHECK_THROWS_AS(read_scene(folder.path().string()), IoError);
+    CHECK(contains(test::message<ConfigError>([] { read_scene("cube", {"mesh.sid=2"}); }),
+                   "--set mesh.sid=2: unknown key"));
+    CHECK(contains(test::message<ConfigError>([] { read_scene("cube", {"time.dt=2"}); }),
+                   "--set time.dt=2: expected a number"));
+  }
+
+  TEST_CASE("start states have the stated ranges") {
+    Scene scene = parse_scene("[mesh]\nvertices_per_edge = 3\n[contact]\nground = 0.5\n", "a.toml");
+    const fem::TetMesh<double> mesh = make_mesh(scene);
+    Vec3<double> v_low = Vec3<double>::Constant(1e9), v_high = -v_low;
+    Mat3<double> sum = Mat3<double>::Zero();
+    double trace_squared = 0;
+    constexpr int kDraws = 4000;
+    for (int i = 0; i < kDraws; ++i) {
+      const fem::State<double> state = initial_state(scene, mesh, "train", i);
+      const Mat3<double> R = turn(mesh, state.x);
+      REQUIRE((R * R.transpose()).isApprox(Mat3<double>::Identity(), 1e-12));
+      REQUIRE(R.determinant() > 0);
+      REQUIRE(state.x.col(2).minCoeff() == doctest::Approx(0.6).epsilon(1e-12));
+      const Vec3<double> v = state.v.row(0).transpose();
+      REQUIRE((state.v.rowwise() - v.transpose()).isZero(0));
+      v_low = v_low.cwiseMin(v);
+      v_high = v_high.cwiseMax(v);
+      sum += R;
+      trace_squared += R.trace() * R.trace();
+    }
+    CHECK((v_low.array() >= scene.v_min.array()).all());
+    CHECK((v_high.array() <= scene.v_max.array()).all());
+    CHECK(v_low.isApprox(scene.v_min, 1e-2));
+    CHECK(v_high.isApprox(scene.v_max, 1e-2));
+    // Over SO(3) the mean of R is 0 and that of tr(R)^2 is 1 (orthogonality of characters).
+    CHECK((sum / kDraws).cwiseAbs().maxCoeff() < 0.04);
+    CHECK(trace_squared / kDraws == doctest::Approx(1).epsilon(0.1));
+  }
+
+  TEST_CASE("a start state is a function of seed, split and index") {
+    Scene scene = parse_scene("[mesh]\nvertices_per_edge = 3\n", "a.toml");
+    const fem::TetMesh<double> mesh = make_mesh(scene);
+    const auto start = [&](const char* split, Index i) {
+      return initial_state(scene, mesh, split, i);
+    };
+    CHECK(start("train", 3).x == start("train", 3).x);
+    CHECK(start("train", 3).v != start("train", 4).v);
+    CHECK(start("train", 3).v != start("val", 3).v);
+    const std::uint64_t seed = trajectory_seed(scene, "train", 3);
+    CHECK(seed < std::uint64_t{1} << 53);
+    const Matrix<double> x = start("train", 3).x;
+    scene.seed = 2;
+    CHECK(start("train", 3).x != x);
+    CHECK(trajectory_seed(scene, "train", 3) != seed);
+  }
+
+  TEST_CASE("a pinned body starts at rest, its pins without velocity") {
+    const Scene scene =
+        parse_scene("[mesh]\nvertices_per_edge = 3\n[pins]\nvertices = [0, 26]\n", "a.toml");
+    const fem::TetMesh<double> mesh = make_mesh(scene);
+    const fem::State<double> state = initial_state(scene, mesh, "val", 0);
+    CHECK(state.x == mesh.vertices());
+    CHECK(state.v.row(0).isZero(0));
+    CHECK(state.v.row(26).isZero(0));
+    CHECK_FALSE(state.v.row(1).isZero(0));
+    CHECK(state.v.row(1) == state.v.row(25));
+  }
+
+  TEST_CASE("what makes no sense is refused at its place") {
+    CHECK(contains(refusal("[mesh]\nshape = \"ball\"\n"), "a.toml:2:9: mesh.shape"));
+    CHECK(contains(refusal("[mesh]\nvertices_per_edge = 1\n"), "from 2 to 400, found 1"));
+    CHECK(contains(refusal("[material]\nnu = 0.5\n"), "a.toml:2:6: material.nu"));
+    CHECK(contains(refusal("[material]\nE = 0\n"), "a.toml:2:5: material.E"));
+    CHECK(contains(refusal("[time]\ndt = 0\n"), "a.toml:2:6: time.dt"));
+    CHECK(contains(refusal("[dataset]\nseed = -1\n"), "a.toml:2:8: dataset.seed"));
+    CHECK(contains(refusal("[initial]\nv_min = [3, 0, 0]\n"), "a.toml:2:9: initial.v_min"));
+    CHECK(contains(refusal("", {"initial.v_max=[-9, 0, 0]"}), "--set initial.v_max"));
+    CHECK(contains(refusal("[dataset]\ntrain = 0\nvalidation = 0\n"), "at least one trajectory"));
+    CHECK(contains(refusal("[mesh]\nvertices_per_edge = 2\n[pins]\nvertices = [8]\n"),
+                   "a.toml:4:13: pins.vertices: expected an integer from 0 to 7, found 8"));
+    CHECK(contains(refusal("[pins]\nvertices = [1]\n[initial]\nclearance = 1\n"), "a.toml:4:13"));
+    CHECK(contains(refusal("[pins]\nvertices = [1]\n[initial]\nrandom_orientation = true\n"),
+                   "a.toml:4:22"));
+    CHECK(contains(refusal("[contact]\nground = \"none\"\n[initial]\nclearance = 1\n"),
+                   "a.toml:4:13: initial.clearance: expected \"none\""));
+    CHECK(contains(refusal("name = \"\"\n"), "a.toml:1:8: name"));
+  }
+}
