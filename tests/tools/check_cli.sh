@@ -1,0 +1,145 @@
+#!/usr/bin/env bash
+# Exit codes, standard streams and files of the program.
+#   check_cli.sh path/to/nmp
+set -u
+nmp=$(realpath "$1")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work" || exit 1
+failures=0
+
+complain() {
+  printf 'FAILED: %s\n' "$*" >&2
+  sed 's/^/  | /' stderr >&2
+  failures=$((failures + 1))
+}
+
+# expect CODE ARGUMENTS...: runs nmp, leaving stdout and stderr in files of these names.
+expect() {
+  local wanted=$1 code
+  shift
+  "$nmp" "$@" >stdout 2>stderr
+  code=$?
+  [ $code -eq "$wanted" ] || complain "nmp $*: exit code $code, expected $wanted"
+}
+says() { grep -qF -- "$1" stderr || complain "stderr does not say: $1"; }
+prints() { grep -qF -- "$1" stdout || complain "stdout does not hold: $1"; }
+silent() { [ ! -s stdout ] || complain "something was printed on stdout"; }
+# One JSON document and nothing else: it begins with { and ends with }, both alone at the margin.
+is_json() {
+  [ "$(head -c 1 stdout)" = "{" ] && [ "$(tail -n 1 stdout)" = "}" ] &&
+    [ "$(grep -c '^[^ ]' stdout)" -eq 2 ] || complain "stdout is not one JSON document"
+}
+
+# 1. Help and version.
+expect 0 --version && prints "nmp "
+expect 0 --help && prints "Example"
+for command in data "data gen" "data info" train rollout eval report grad-check; do
+  # shellcheck disable=SC2086
+  expect 0 $command --help && prints "Example"
+  grep -q '^  nmp ' stdout || complain "nmp $command --help has no example line"
+done
+
+# 2. Command lines that are wrong: 2, nothing on stdout, and a hint.
+expect 2 && says "command" && silent
+expect 2 trian && says "did you mean train?" && silent
+expect 2 data && says "gen, info"
+expect 2 data inof && says "did you mean info?"
+expect 2 eval --modle x && says "did you mean --model?" && silent
+expect 2 eval && says "--model"
+expect 2 eval --model a --model b --data d
+expect 2 eval --model a --data d --threads 0
+expect 2 eval --model a --data d --threads 99999999999999999999
+expect 2 eval --model a --data d --horizons 1,x
+expect 2 eval --model a --data d extra
+expect 2 train fast --data d -o m --stage nothing
+expect 2 train fast --data d -o m --stage joint && says "--model"
+expect 2 rollout --data d && says "model"
+expect 2 rollout --data d --model m --dt 1e-4 && says "semi-implicit"
+expect 2 data gen no_such_scene -o d && says "cube"
+expect 2 data gen "$(head -c 5000 /dev/zero | tr '\0' x)" -o d
+
+# 3. Files that are missing (5) or not what they should be (3), and settings (2).
+expect 5 data info no_such_folder && says "no_such_folder"
+expect 5 eval --model no_such_model --data no_such_folder && says "no_such_model"
+expect 5 grad-check --model no_such_model && silent
+echo "not a model" >text
+expect 3 grad-check --model text && says "text"
+mkdir -p wrong && echo "{" >wrong/manifest.json
+expect 3 data info wrong && says "manifest.json"
+printf 'name = "x"\n[time]\nframse = 3\n' >typo.toml
+expect 2 data gen typo.toml -o typo && says "typo.toml:3" && says "frames"
+[ ! -e typo ] || complain "a refused scene left a folder"
+expect 2 data gen cube -o typo --set time.framse=3 && says "frames"
+
+# 4. A whole small project; --json is one document.
+tiny=(--set mesh.vertices_per_edge=3 --set time.frames=24 --set time.dt=1e-4 --set time.substeps=5
+  --set dataset.train=2 --set dataset.validation=2)
+quick=(--set train.constitutive.iterations=3 --set train.constitutive.batch=64
+  --set train.integration.iterations=2 --set train.integration.batch=64
+  --set train.integration.fit_window=6 --set train.integration.window_start=4
+  --set train.integration.window_end=8 --set train.joint.iterations=1
+  --set train.joint.reset_start=8 --set train.joint.reset_end=8)
+expect 0 data gen cube -o d "${tiny[@]}" --json && is_json
+expect 0 data gen cube -o d "${tiny[@]}"
+expect 2 data gen cube -o d "${tiny[@]}" --seed 2 && says "--force"
+expect 0 data info d --verify && prints "27 vertices"
+expect 0 data info d --json && is_json
+expect 0 train fast --data d -o m.safetensors "${quick[@]}" --json && is_json
+[ -s m.safetensors ] && [ -s m.metrics.jsonl ] || complain "train left no model or no metrics"
+cp m.safetensors kept
+expect 2 train fast --data d -o m.safetensors "${quick[@]}" && says "--force"
+cmp -s m.safetensors kept || complain "a refused training touched the model"
+expect 0 train fast --data d -o m.safetensors "${quick[@]}" --force && prints "joint"
+cmp -s m.safetensors kept || complain "the same training gave another model"
+expect 0 train fast --data d -o j.safetensors "${quick[@]}" --model m.safetensors --stage joint
+expect 0 eval --model m.safetensors --data d --json && is_json && cp stdout eval.json
+expect 0 eval --model m.safetensors --data d && prints "neural"
+expect 2 eval --model m.safetensors --data d --horizons 25 && says "24"
+expect 2 eval --model m.safetensors --data d --methods nerual && says "neural"
+expect 0 rollout --model m.safetensors --data d -o r.safetensors --json && is_json
+expect 2 rollout --model m.safetensors --data d -o r.safetensors && says "--force"
+expect 2 rollout --model m.safetensors --data d --trajectory 2 && says "from 0"
+expect 2 rollout --data d --constitutive stvk --integrator semi-implicit --dt 3e-4 && says "divide"
+expect 2 rollout --data d --constitutive stvk --integrator semi-implicit --nu 0.5 && says "nu"
+expect 0 rollout --data d --constitutive stvk --integrator semi-implicit --dt 1e-4 --frames 30
+expect 4 rollout --data d --constitutive neo-hookean --integrator semi-implicit --E 1e12 \
+  -o diverged.safetensors && says "after frame"
+[ -s diverged.safetensors ] || complain "a rollout that diverged left no frames"
+expect 3 rollout --model r.safetensors --data d && says "not a model"
+expect 0 report --model m.safetensors --data d -o r.html --json && is_json
+expect 2 report --model m.safetensors --data d -o r.html && says "--force"
+expect 0 report --model m.safetensors --data d --eval eval.json --eval eval.json -o two.html
+expect 3 report --model m.safetensors --data d --eval text -o bad.html && says "evaluation 1"
+expect 3 report --model m.safetensors --data d --eval eval.json --metrics text -o bad.html &&
+  says "line 1"
+[ ! -e bad.html ] || complain "a refused report left a file"
+expect 5 report --model m.safetensors --data d --eval eval.json -o no_such_folder/r.html
+expect 0 grad-check --json && is_json && prints '"group": "rollout"'
+
+# 5. A stdout that cannot be written is an error, and no file takes its place.
+"$nmp" --version >&- 2>stderr
+[ $? -eq 5 ] || complain "a closed stdout is not exit code 5"
+"$nmp" rollout --model m.safetensors --data d -o closed.safetensors >&- 2>stderr
+[ $? -eq 5 ] || complain "a closed stdout is not exit code 5"
+"$nmp" data info d <&- >stdout 2>&- || complain "closed stdin and stderr are an error"
+cmp -s closed.safetensors r.safetensors || complain "a closed stdout changed a file"
+if [ -w /dev/full ]; then
+  "$nmp" data info d >/dev/full 2>stderr
+  [ $? -eq 5 ] || complain "a full disk is not exit code 5"
+fi
+
+# 6. A stop request saves and says how to go on.
+"$nmp" train fast --data d -o s.safetensors "${quick[@]}" --set train.constitutive.iterations=100000000 \
+  >stdout 2>stderr &
+pid=$!
+for _ in $(seq 100); do grep -q constitutive stderr && break; sleep 0.1; done
+sleep 1
+kill -INT $pid
+wait $pid
+[ $? -eq 130 ] || complain "an interrupted training does not end with 130"
+says "--model s.safetensors"
+[ -s s.safetensors ] && [ -s s.metrics.jsonl ] || complain "an interrupted training saved nothing"
+
+[ $failures -eq 0 ] || exit 1
+echo "all as promised"

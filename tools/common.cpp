@@ -1,0 +1,204 @@
+#include "common.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <limits>
+
+#include "base/check.h"
+#include "base/parallel.h"
+
+namespace nmp::common {
+
+namespace {
+
+// -- signals
+
+std::atomic<int> signal_seen{0};
+static_assert(std::atomic<int>::is_always_lock_free, "a signal handler may touch nothing else");
+
+void on_signal(int signal) {
+  if (signal_seen.exchange(signal) != 0) ::_exit(128 + signal);
+}
+
+// -- progress
+
+Progress* bar_on_terminal = nullptr;
+
+std::string duration(double seconds) {
+  char words[32];
+  const auto s = static_cast<long long>(std::min(seconds, 3.6e8) + 0.5);
+  if (s < 60) {
+    std::snprintf(words, sizeof words, "%lld s", s);
+  } else if (s < 3600) {
+    std::snprintf(words, sizeof words, "%lld min %02lld s", s / 60, s % 60);
+  } else {
+    std::snprintf(words, sizeof words, "%lld h %02lld min", s / 3600, s / 60 % 60);
+  }
+  return words;
+}
+
+// Characters, not bytes.
+std::size_t width(const std::string& utf8) {
+  return static_cast<std::size_t>(
+      std::count_if(utf8.begin(), utf8.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
+}  // namespace
+
+void catch_signals() {
+  struct sigaction action {};
+  action.sa_handler = on_signal;
+  action.sa_flags = SA_RESTART;
+  for (const int signal : {SIGINT, SIGTERM}) ::sigaction(signal, &action, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+}
+
+bool stop_requested() { return signal_seen != 0; }
+int stop_signal() { return signal_seen; }
+void stop_if_requested() {
+  if (stop_requested()) throw Interrupted("stopped on request");
+}
+
+void open_standard_streams() {
+  for (int stream = 0; stream <= 2; ++stream) {
+    if (::fcntl(stream, F_GETFD) >= 0) continue;
+    // Read-only even for stdout: a result that cannot be delivered is an error. The lowest free
+    // descriptor is `stream` itself.
+    if (::open("/dev/null", stream == 2 ? O_WRONLY : O_RDONLY) != stream) ::_exit(5);
+  }
+}
+
+void print(const std::string& text) {
+  if (bar_on_terminal) bar_on_terminal->clear();
+  const bool done = std::fwrite(text.data(), 1, text.size(), stdout) == text.size();
+  if (!done || std::fflush(stdout) != 0)
+    throw IoError(std::string("cannot write to standard output: ") + std::strerror(errno));
+}
+
+void note(const std::string& line) {
+  if (bar_on_terminal) bar_on_terminal->clear();
+  std::fprintf(stderr, "%s\n", line.c_str());
+}
+
+std::string table(const std::vector<std::vector<std::string>>& rows) {
+  std::vector<std::size_t> widths;
+  for (const auto& row : rows) {
+    widths.resize(std::max(widths.size(), row.size()));
+    for (std::size_t k = 0; k < row.size(); ++k) widths[k] = std::max(widths[k], width(row[k]));
+  }
+  std::string text;
+  for (const auto& row : rows) {
+    std::string line;
+    for (std::size_t k = 0; k < row.size(); ++k) {
+      const std::string space(widths[k] - width(row[k]), ' ');
+      line += k == 0 ? row[k] + space : "  " + space + row[k];
+    }
+    line.erase(line.find_last_not_of(' ') + 1);
+    text += line + "\n";
+  }
+  return text;
+}
+
+std::string number(double value) {
+  char digits[32];
+  std::snprintf(digits, sizeof digits, "%.3g", value);
+  return digits;
+}
+
+std::vector<Index> default_horizons(Index frames) {
+  std::vector<Index> horizons;
+  for (const Index horizon : {100, 500, 1000})
+    if (horizon <= frames) horizons.push_back(horizon);
+  if (horizons.empty()) horizons.push_back(frames);
+  return horizons;
+}
+
+Progress::Progress(std::string what)
+    : what_(std::move(what)),
+      terminal_(::isatty(2) == 1),
+      begin_(Clock::now()),
+      last_(terminal_ ? begin_ - std::chrono::seconds(1) : begin_) {}
+
+Progress::~Progress() { clear(); }
+
+void Progress::update(double part, const std::string& detail) {
+  const auto now = Clock::now();
+  if (now - last_ < (terminal_ ? std::chrono::milliseconds(100) : std::chrono::milliseconds(10000)))
+    return;
+  last_ = now;
+  part = std::clamp(part, 0.0, 1.0);
+  const double elapsed = std::chrono::duration<double>(now - begin_).count();
+  std::string line = what_;
+  if (terminal_) {
+    const auto filled = static_cast<std::size_t>(part * 24);
+    line += " [" + std::string(filled, '=') + std::string(24 - filled, ' ') + "]";
+  }
+  char percent[16];
+  std::snprintf(percent, sizeof percent, " %3.0f %%", 100 * part);
+  line += percent;
+  if (part > 0.001 && elapsed > 0.5) line += ", " + duration(elapsed / part - elapsed) + " left";
+  if (!detail.empty()) line += "  " + detail;
+  if (terminal_) {
+    std::fprintf(stderr, "\r\033[K%s", line.c_str());
+    drawn_ = true;
+    bar_on_terminal = this;
+  } else {
+    std::fprintf(stderr, "%s\n", line.c_str());
+  }
+  std::fflush(stderr);
+}
+
+void Progress::clear() {
+  if (drawn_) std::fputs("\r\033[K", stderr);
+  drawn_ = false;
+  if (bar_on_terminal == this) bar_on_terminal = nullptr;
+}
+
+void add_json(CLI::App& app, Flags& flags) {
+  app.add_flag("--json", flags.json, "Write one JSON document to stdout, and nothing else there");
+}
+
+void add_force(CLI::App& app, Flags& flags) {
+  app.add_flag("--force", flags.force, "Replace what exists");
+}
+
+void add_threads(CLI::App& app) {
+  app.add_option_function<int>(
+         "--threads", [](int n) { set_threads(n); },
+         "Number of threads; the results are the same for any number (default: all)")
+      ->type_name("N")
+      ->check(CLI::Range(1, 1024).description(""));
+}
+
+void add_seed(CLI::App& app, Flags& flags) {
+  app.add_option("--seed", flags.seed, "Seed of everything random")
+      ->type_name("N")
+      ->check(CLI::Range(std::numeric_limits<std::int64_t>::max()).description(""));
+}
+
+void add_set(CLI::App& app, Flags& flags) {
+  app.add_option("--set", flags.set, "Replace a setting, such as time.frames=200; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->default_str("")
+      ->allow_extra_args(false);
+}
+
+CLI::App& add_command(CLI::App& parent, const std::string& name, const std::string& summary,
+                      const std::string& details, std::initializer_list<const char*> examples) {
+  CLI::App& app = *parent.add_subcommand(name, summary);
+  std::string footer = details.empty() ? "Examples:" : details + "\n\nExamples:";
+  for (const char* example : examples) footer += std::string("\n  ") + example;
+  app.footer(footer);
+  app.option_defaults()->always_capture_default();
+  return app;
+}
+
+}  // namespace nmp::common

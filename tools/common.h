@@ -1,0 +1,98 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdint>
+#include <initializer_list>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "autodiff/types.h"
+
+/// What the commands of nmp share: flags, standard streams, signals, progress. Results go to
+/// stdout, everything else to stderr.
+namespace nmp::common {
+
+/// Ends a command that a signal has stopped. Exit code 128 + the signal's number.
+struct Interrupted : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// From then on SIGINT and SIGTERM ask for a stop; a second one ends the program at once. SIGPIPE
+/// is ignored: a reader that is gone is an error of writing.
+void catch_signals();
+/// True once a stop has been asked for.
+bool stop_requested();
+/// The signal that asked for it; 0 if none has.
+int stop_signal();
+/// @throws Interrupted  if a stop has been asked for
+void stop_if_requested();
+
+/// Puts /dev/null where a standard stream is closed, so that no file is ever opened in its place.
+void open_standard_streams();
+/// Writes to stdout, now. @throws IoError  if it cannot be written
+void print(const std::string& text);
+/// A line on stderr, above the progress bar if there is one.
+void note(const std::string& line);
+
+/// Columns padded to their widest cell: the first one to the left, the others to the right.
+std::string table(const std::vector<std::vector<std::string>>& rows);
+/// With three significant digits.
+std::string number(double value);
+/// The paper's horizons 100, 500, 1000 that a recording has; its last frame if it has none of them.
+std::vector<Index> default_horizons(Index frames);
+
+/// How far a command has come, on stderr: a bar on a terminal, else a line at most every 10 s.
+class Progress {
+ public:
+  explicit Progress(std::string what);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// @param part  of the work that is done, in [0, 1]   @param detail  what is going on
+  void update(double part, const std::string& detail = "");
+  /// Takes the bar off the terminal until the next update.
+  void clear();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  std::string what_;
+  bool terminal_, drawn_ = false;
+  Clock::time_point begin_, last_;
+};
+
+/// Flags that several commands have; each command takes those that do something there.
+struct Flags {
+  bool json = false;                  // one JSON document on stdout and nothing else there
+  bool force = false;                 // replace what exists
+  int threads = 0;                    // 0: as many as the machine has
+  std::optional<std::uint64_t> seed;  // none: what the configuration says
+  std::vector<std::string> set;       // "table.key=value"
+};
+void add_json(CLI::App& app, Flags& flags);
+void add_force(CLI::App& app, Flags& flags);
+void add_threads(CLI::App& app);
+void add_seed(CLI::App& app, Flags& flags);
+void add_set(CLI::App& app, Flags& flags);
+
+/// @param summary   a sentence for the list of commands   @param details  more of them, for its
+/// help
+/// @param examples  command lines that work
+CLI::App& add_command(CLI::App& parent, const std::string& name, const std::string& summary,
+                      const std::string& details, std::initializer_list<const char*> examples);
+
+}  // namespace nmp::common
+
+namespace nmp {
+
+void add_data(CLI::App& app);
+void add_train(CLI::App& app);
+void add_rollout(CLI::App& app);
+void add_eval(CLI::App& app);
+void add_report(CLI::App& app);
+void add_grad_check(CLI::App& app);
+
+}  // namespace nmp

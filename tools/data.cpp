@@ -1,0 +1,101 @@
+// nmp data: make a dataset of trajectories, and say what is in one.
+//   nmp data gen cube -o data/cube
+//   nmp data gen cube -o data/soft --set material.E=2e5 --set time.frames=200 --seed 7
+//   nmp data info data/cube --verify
+
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "common.h"
+#include "nmp/data_gen.h"
+#include "nmp/dataset.h"
+#include "nmp/dataset_summary.h"
+#include "nmp/scene.h"
+
+namespace nmp {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Options {
+  std::string scene;    // gen: a file, or the name of one that ships
+  std::string folder;   // of the dataset
+  bool verify = false;  // info: read every file and compare its checksum
+  common::Flags flags;
+};
+
+void gen(const Options& o) {
+  Scene scene = read_scene(o.scene, o.flags.set);
+  if (o.flags.seed) scene.seed = *o.flags.seed;
+  common::Progress progress("data gen " + scene.name);
+  DataGenOptions options;
+  options.force = o.flags.force;
+  options.progress = [&](double part) { progress.update(part); };
+  options.warn = [](const std::string& what) { common::note("warning: " + what); };
+  options.stop = common::stop_requested;
+  const Manifest m = generate_dataset(scene, o.folder, options);
+  progress.clear();
+  const auto n_train = static_cast<Index>(m.train.size());
+  const auto n_validation = static_cast<Index>(m.validation.size());
+  if (n_train + n_validation < scene.train + scene.validation)
+    throw common::Interrupted(text("stopped; ", n_train + n_validation, " of ",
+                                   scene.train + scene.validation, " trajectories are complete in ",
+                                   o.folder, ", the same command makes the others"));
+  const Json json = {{"dataset", o.folder},        {"scene", m.scene_name}, {"train", n_train},
+                     {"validation", n_validation}, {"frames", m.frames},    {"h", m.h},
+                     {"n_vertices", m.n_vertices}, {"n_tets", m.n_tets},    {"seed", m.seed}};
+  common::print(o.flags.json ? json.dump(1) + "\n"
+                             : text(o.folder, ": ", n_train, " training and ", n_validation,
+                                    " validation trajectories of ", m.frames, " frames, ",
+                                    m.n_vertices, " vertices, ", m.n_tets, " tetrahedra\n"));
+}
+
+void info(const Options& o) {
+  const Dataset dataset = Dataset::open(o.folder);
+  if (o.verify) dataset.verify();
+  common::Progress progress("data info");
+  const DatasetSummary summary = summarise(dataset, [&](double part) {
+    common::stop_if_requested();
+    progress.update(part);
+  });
+  progress.clear();
+  if (o.verify) common::note("every checksum is right");
+  common::print(o.flags.json ? to_json(summary) + "\n" : to_text(summary));
+}
+
+}  // namespace
+
+void add_data(CLI::App& app) {
+  CLI::App& data =
+      common::add_command(app, "data", "Make a dataset of trajectories, or say what is in one", "",
+                          {"nmp data gen cube -o data/cube", "nmp data info data/cube"});
+  data.require_subcommand(1);
+  const auto o = std::make_shared<Options>();
+
+  CLI::App& make = common::add_command(
+      data, "gen", "Simulate a scene's trajectories and write them as a dataset",
+      "A folder that was made from the same scene is continued.",
+      {"nmp data gen cube -o data/cube",
+       "nmp data gen cube -o data/soft --set material.E=2e5 --set time.frames=200",
+       "nmp data gen my_scene.toml -o data/mine --seed 7"});
+  make.add_option("SCENE", o->scene, "A TOML file, or the name of a scene that ships: cube")
+      ->required();
+  make.add_option("-o,--output", o->folder, "Folder of the dataset")->type_name("DIR")->required();
+  common::add_set(make, o->flags);
+  common::add_seed(make, o->flags);
+  common::add_force(make, o->flags);
+  common::add_threads(make);
+  common::add_json(make, o->flags);
+  make.callback([o] { gen(*o); });
+
+  CLI::App& look =
+      common::add_command(data, "info", "Say what is in a dataset", "",
+                          {"nmp data info data/cube", "nmp data info data/cube --verify --json"});
+  look.add_option("DIR", o->folder, "Folder of the dataset")->required();
+  look.add_flag("--verify", o->verify, "Read every file and compare its checksum");
+  common::add_threads(look);
+  common::add_json(look, o->flags);
+  look.callback([o] { info(*o); });
+}
+
+}  // namespace nmp

@@ -1,0 +1,82 @@
+// nmp eval: the error of a model over rollouts, beside that of the physics it replaces.
+//   nmp eval --model cube.safetensors --data data/cube
+//   nmp eval --model cube.safetensors --data data/cube --horizons 100,500 --methods
+//   neural,coarse_physics nmp eval --model cube.safetensors --data data/cube --json > eval.json
+
+#include <memory>
+
+#include "common.h"
+#include "nmp/evaluate.h"
+
+namespace nmp {
+namespace {
+
+struct Options {
+  std::string model, data;
+  std::vector<Index> horizons;       // frames; empty: those of 100, 500, 1000 that were recorded
+  std::vector<std::string> methods;  // empty: all that there are
+  std::string split = "val";
+  Index trajectories = 0;  // the first so many; 0: all
+  common::Flags flags;
+};
+
+void run(const Options& o) {
+  Model<float> model = load_model<float>(o.model);
+  const Dataset dataset = Dataset::open(o.data);
+  common::Progress progress("eval");
+  EvaluateOptions options;
+  options.horizons =
+      o.horizons.empty() ? common::default_horizons(dataset.manifest().frames) : o.horizons;
+  options.methods = o.methods;
+  options.train_split = o.split == "train";
+  options.trajectories = o.trajectories;
+  options.progress = [&](const std::string& method, Index done, Index all) {
+    common::stop_if_requested();
+    progress.update(static_cast<double>(done) / static_cast<double>(all), method);
+  };
+  Evaluation evaluation = evaluate(model, dataset, options);
+  evaluation.model = o.model;
+  progress.clear();
+  common::print(o.flags.json ? to_json(evaluation) + "\n" : to_table(evaluation));
+}
+
+}  // namespace
+
+void add_eval(CLI::App& app) {
+  CLI::App& eval = common::add_command(
+      app, "eval", "Measure a model's rollouts, beside reference methods",
+      "Of the model: neural (both modules), neural_law (with semi-implicit Euler), "
+      "neural_integrator\n"
+      "(with the true law), residual_zeroed (without the integrator's net). For reference: rest,\n"
+      "ballistic, coarse_physics and staggered_physics (true law, semi-implicit Euler at the same "
+      "step),\n"
+      "affine_only (true law, two fitted numbers).",
+      {"nmp eval --model cube.safetensors --data data/cube",
+       "nmp eval --model cube.safetensors --data data/cube --horizons 100,500 --methods "
+       "neural,rest",
+       "nmp eval --model cube.safetensors --data data/cube --json > eval.json"});
+  const auto o = std::make_shared<Options>();
+  eval.add_option("--model", o->model, "File of the model")->type_name("FILE")->required();
+  eval.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
+  eval.add_option(
+          "--horizons", o->horizons,
+          "Frames at which errors are told (default: those of 100,500,1000 that were recorded)")
+      ->type_name("N,N,...")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check(CLI::PositiveNumber);
+  eval.add_option("--methods", o->methods, "Only these methods (default: all that there are)")
+      ->type_name("NAME,...")
+      ->delimiter(',')
+      ->allow_extra_args(false);
+  eval.add_option("--split", o->split, "Which trajectories")
+      ->check(CLI::IsMember({"val", "train"}));
+  eval.add_option("--trajectories", o->trajectories, "The first so many; 0: all")
+      ->type_name("N")
+      ->check(CLI::NonNegativeNumber);
+  common::add_threads(eval);
+  common::add_json(eval, o->flags);
+  eval.callback([o] { run(*o); });
+}
+
+}  // namespace nmp

@@ -1,0 +1,146 @@
+// nmp: simulate elastic bodies, learn the simulator's modules, and measure how right they are.
+//   nmp data gen cube -o data/cube --set time.frames=200 --set dataset.train=4
+//   nmp train fast --data data/cube -o cube.safetensors
+//   nmp eval --model cube.safetensors --data data/cube
+// Exit codes: 0 done, 2 command line or configuration, 3 a file's content, 4 a simulation, training
+// or check that failed, 5 reading or writing, 6 memory, 1 anything else; 128 + n after signal n.
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+
+#include "base/check.h"
+#include "common.h"
+#include "nmp/config.h"
+
+namespace nmp {
+namespace {
+
+constexpr int kUsage = 2;
+
+std::vector<std::string> command_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::App* command : app.get_subcommands({})) names.push_back(command->get_name());
+  return names;
+}
+
+const CLI::App* find_command(const CLI::App& app, const std::string& name) {
+  for (const CLI::App* command : app.get_subcommands({}))
+    if (command->get_name() == name) return command;
+  return nullptr;
+}
+
+std::vector<std::string> option_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options())
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  return names;
+}
+
+// "; did you mean train?", also for swapped letters and for the beginning of a name.
+std::string hint(const std::string& word, const std::vector<std::string>& known) {
+  std::string nearest = nearest_name(word, known);
+  for (const std::string& name : known) {
+    const bool begins = word.size() >= 2 && name.compare(0, word.size(), word) == 0;
+    const bool swapped =
+        word.size() == name.size() && std::is_permutation(word.begin(), word.end(), name.begin());
+    if (nearest.empty() && (begins || swapped)) nearest = name;
+  }
+  return nearest.empty() ? "" : "; did you mean " + nearest + "?";
+}
+
+std::string full_name(const CLI::App& app) {
+  return app.get_parent() ? full_name(*app.get_parent()) + " " + app.get_name() : "nmp";
+}
+
+// What is wrong with a command line that CLI11 refused, in one sentence.
+std::string explain(const CLI::App& root, const CLI::ParseError& error, int argc, char** argv) {
+  // The deepest command that was named; a word that names none is the mistake itself.
+  const CLI::App* app = &root;
+  int i = 1;
+  for (; i < argc && argv[i][0] != '-' && !command_names(*app).empty(); ++i) {
+    const CLI::App* command = find_command(*app, argv[i]);
+    if (!command)
+      return full_name(*app) + ": there is no command " + in_quotes(argv[i]) +
+             hint(argv[i], command_names(*app));
+    app = command;
+  }
+  if (i == argc && !command_names(*app).empty()) {
+    std::string names;
+    for (const std::string& name : command_names(*app)) names += (names.empty() ? "" : ", ") + name;
+    return full_name(*app) + ": a command is missing, one of " + names;
+  }
+  for (; i < argc; ++i) {
+    const std::string word = std::string(argv[i]).substr(0, std::string(argv[i]).find('='));
+    const auto options = option_names(*app);
+    if (word.size() > 2 && word.compare(0, 2, "--") == 0 &&
+        std::find(options.begin(), options.end(), word) == options.end())
+      return full_name(*app) + ": there is no option " + in_quotes(word) + hint(word, options);
+  }
+  return full_name(*app) + ": " + error.what();
+}
+
+int run(int argc, char** argv) {
+  CLI::App app{"Neural Modular Physics: elastic bodies, learned and analytic", "nmp"};
+  app.set_version_flag("--version", "nmp " NMP_VERSION, "Print the version");
+  app.set_help_flag("-h,--help", "Print this help");
+  app.footer(
+      "Examples:\n"
+      "  nmp data gen cube -o data/cube\n"
+      "  nmp train fast --data data/cube -o cube.safetensors\n"
+      "  nmp eval --model cube.safetensors --data data/cube\n"
+      "  nmp report --model cube.safetensors --data data/cube -o report.html\n"
+      "'nmp COMMAND --help' says more about a command.");
+  app.require_subcommand(1);
+  add_data(app);
+  add_train(app);
+  add_rollout(app);
+  add_eval(app);
+  add_report(app);
+  add_grad_check(app);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp&) {
+    common::print(app.help());
+  } catch (const CLI::CallForVersion&) {
+    common::print("nmp " NMP_VERSION "\n");
+  } catch (const CLI::ParseError& error) {
+    common::note(explain(app, error, argc, argv) + " (--help says what there is)");
+    return kUsage;
+  }
+  return 0;
+}
+
+// GNU's OpenMP lets waiting threads spin, for longer than a step takes: beside any other load on
+// the machine a step then waits for whole time slices (measured: 14 times slower on two busy
+// cores). It reads its settings before main, so the program starts itself again with the polite
+// one.
+void wait_politely(char** argv) {
+  if (std::getenv("OMP_WAIT_POLICY") || std::getenv("GOMP_SPINCOUNT")) return;
+  if (setenv("OMP_WAIT_POLICY", "passive", 1) == 0) execv("/proc/self/exe", argv);
+}
+
+}  // namespace
+}  // namespace nmp
+
+int main(int argc, char** argv) {
+  namespace common = nmp::common;
+  nmp::wait_politely(argv);
+  common::open_standard_streams();
+  common::catch_signals();
+  try {
+    return nmp::run(argc, argv);
+  } catch (const common::Interrupted& stop) {
+    common::note(std::string("nmp: ") + stop.what());
+    return 128 + common::stop_signal();
+  } catch (const std::bad_alloc&) {
+    std::fputs("nmp: out of memory\n", stderr);
+    return nmp::exit_code(std::bad_alloc());
+  } catch (const std::exception& error) {
+    common::note(std::string("nmp: ") + error.what());
+    return nmp::exit_code(error);
+  }
+}

@@ -1,0 +1,108 @@
+// nmp report: one HTML file with a model's errors, curves, training and settings.
+//   nmp report --model cube.safetensors --data data/cube -o report.html
+//   nmp eval --model cube.safetensors --data data/cube --json > eval.json
+//   nmp report --model cube.safetensors --data data/cube --eval eval.json -o report.html
+
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "common.h"
+#include "nmp/evaluate.h"
+#include "nmp/report.h"
+
+namespace nmp {
+namespace {
+
+constexpr std::size_t kLimit = std::size_t{1} << 28;  // bytes of a file that is shown
+
+struct Options {
+  std::string model, data, out;
+  std::vector<std::string> evals;  // documents of nmp eval --json; empty: it is run here
+  std::string metrics;             // of nmp train; empty: those beside the model, if there are any
+  std::string title;               // empty: "nmp: SCENE"
+  common::Flags flags;
+};
+
+std::string evaluate_here(const Options& o, const Dataset& dataset) {
+  Model<float> model = load_model<float>(o.model);
+  common::Progress progress("eval");
+  EvaluateOptions options;
+  options.horizons = common::default_horizons(dataset.manifest().frames);
+  options.progress = [&](const std::string& method, Index done, Index all) {
+    common::stop_if_requested();
+    progress.update(static_cast<double>(done) / static_cast<double>(all), method);
+  };
+  Evaluation evaluation = evaluate(model, dataset, options);
+  evaluation.model = o.model;
+  return to_json(evaluation);
+}
+
+// The numbers again, from the two configurations that the report shows.
+std::string commands(const Manifest& manifest) {
+  return "# nmp " NMP_VERSION
+         "; scene.toml and train.toml are the settings below\n"
+         "nmp data gen scene.toml -o data/" +
+         manifest.scene_name +
+         "\n"
+         "nmp train train.toml --data data/" +
+         manifest.scene_name +
+         " -o model.safetensors\n"
+         "nmp report --model model.safetensors --data data/" +
+         manifest.scene_name + " -o report.html\n";
+}
+
+void run(const Options& o) {
+  refuse_to_overwrite(o.out, o.flags.force);
+  const Dataset dataset = Dataset::open(o.data);
+  ReportInput input;
+  input.title = o.title.empty() ? "nmp: " + dataset.manifest().scene_name : o.title;
+  input.scene_toml = dataset.manifest().scene_toml;
+  input.config_toml = load_model<float>(o.model).info.config;
+  input.commands = commands(dataset.manifest());
+  const Path beside = Path(o.model).replace_extension(".metrics.jsonl");
+  if (!o.metrics.empty()) {
+    input.metrics = read_text(o.metrics, kLimit);
+  } else if (std::filesystem::exists(beside)) {
+    input.metrics = read_text(beside, kLimit);
+  } else {
+    common::note("no metrics: " + beside.string() + " does not exist, --metrics names another");
+  }
+  for (const std::string& file : o.evals) input.evaluations.push_back(read_text(file, kLimit));
+  if (o.evals.empty()) input.evaluations.push_back(evaluate_here(o, dataset));
+
+  const std::string html = make_report(input);
+  write_text(o.out, html);
+  const nlohmann::ordered_json json{{"report", o.out}, {"bytes", html.size()}};
+  common::print(o.flags.json ? json.dump(1) + "\n" : o.out + "\n");
+}
+
+}  // namespace
+
+void add_report(CLI::App& app) {
+  CLI::App& report = common::add_command(
+      app, "report", "Write one HTML file with errors, curves, training and settings",
+      "The page needs no network. Without --eval the model is evaluated now.",
+      {"nmp report --model cube.safetensors --data data/cube -o report.html",
+       "nmp report --model cube.safetensors --data data/cube --eval eval.json -o report.html"});
+  const auto o = std::make_shared<Options>();
+  report.add_option("--model", o->model, "File of the model")->type_name("FILE")->required();
+  report.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
+  report.add_option("-o,--output", o->out, "The HTML file")->type_name("FILE")->required();
+  report
+      .add_option("--eval", o->evals,
+                  "What nmp eval --json wrote; may be repeated (default: evaluate now)")
+      ->type_name("FILE")
+      ->allow_extra_args(false);
+  report
+      .add_option("--metrics", o->metrics,
+                  "Metrics of nmp train (default: MODEL.metrics.jsonl, if it exists)")
+      ->type_name("FILE");
+  report.add_option("--title", o->title, "Title of the page");
+  common::add_force(report, o->flags);
+  common::add_threads(report);
+  common::add_json(report, o->flags);
+  report.callback([o] { run(*o); });
+}
+
+}  // namespace nmp
