@@ -31,14 +31,12 @@ Index round_up(Index n, Index multiple) { return (n + multiple - 1) / multiple *
 template <class Real, int Columns>
 void panel_product(const Real* x, const Real* b, Index K, Real* y, Index y_stride, bool add) {
   using V = typename Simd<Real>::Vector;
-  using Unaligned = typename Simd<Real>::Unaligned;
   constexpr int kWidth = kLanes<Real>;
   V sum[Columns][kRowVectors] = {};
   for (Index k = 0; k < K; ++k) {
     V rows[kRowVectors];
     NMP_UNROLL
-    for (int i = 0; i < kRowVectors; ++i)
-      rows[i] = *reinterpret_cast<const V*>(x + k * kPanelRows<Real> + i * kWidth);
+    for (int i = 0; i < kRowVectors; ++i) rows[i] = load(x + k * kPanelRows<Real> + i * kWidth);
     NMP_UNROLL
     for (int n = 0; n < Columns; ++n) {
       const Real weight = b[k * Columns + n];
@@ -50,8 +48,8 @@ void panel_product(const Real* x, const Real* b, Index K, Real* y, Index y_strid
   for (int n = 0; n < Columns; ++n) {
     NMP_UNROLL
     for (int i = 0; i < kRowVectors; ++i) {
-      auto& target = *reinterpret_cast<Unaligned*>(y + n * y_stride + i * kWidth);
-      target = add ? target + sum[n][i] : sum[n][i];
+      Real* target = y + n * y_stride + i * kWidth;
+      store(target, add ? load(target) + sum[n][i] : sum[n][i]);
     }
   }
 }
@@ -139,8 +137,7 @@ void outer_product(const Real* a, Index a_stride, const Real* b, Index b_stride,
   for (Index r = 0; r < rows; ++r) {
     V row[Vectors];
     NMP_UNROLL
-    for (int i = 0; i < Vectors; ++i)
-      row[i] = *reinterpret_cast<const V*>(a + r * a_stride + i * kWidth);
+    for (int i = 0; i < Vectors; ++i) row[i] = load(a + r * a_stride + i * kWidth);
     NMP_UNROLL
     for (int q = 0; q < Scalars; ++q) {
       const Real scalar = b[q * b_stride + r];
@@ -149,8 +146,7 @@ void outer_product(const Real* a, Index a_stride, const Real* b, Index b_stride,
     }
   }
   for (int q = 0; q < Scalars; ++q)
-    for (int i = 0; i < Vectors; ++i)
-      *reinterpret_cast<V*>(out + q * out_stride + i * kWidth) = sum[q][i];
+    for (int i = 0; i < Vectors; ++i) store(out + q * out_stride + i * kWidth, sum[q][i]);
 }
 
 constexpr int kMaxVectors = kSimdRegisters == 32 ? 6 : 3;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstring>
 #include <memory>
 #include <new>
 
@@ -31,18 +32,27 @@ struct Simd;
 template <>
 struct Simd<float> {
   using Vector = float __attribute__((vector_size(kSimdBytes)));
-  /// The same for memory that is aligned for one element only.
-  using Unaligned = float __attribute__((vector_size(kSimdBytes), aligned(4), may_alias));
 };
 template <>
 struct Simd<double> {
   using Vector = double __attribute__((vector_size(kSimdBytes)));
-  using Unaligned = double __attribute__((vector_size(kSimdBytes), aligned(8), may_alias));
 };
 
 /// Elements of a vector.
 template <class Real>
 constexpr int kLanes = static_cast<int>(kSimdBytes / sizeof(Real));
+
+/// A vector from, and to, memory that is aligned for one element only.
+template <class Real>
+typename Simd<Real>::Vector load(const Real* from) {
+  typename Simd<Real>::Vector vector;
+  std::memcpy(&vector, from, sizeof vector);
+  return vector;
+}
+template <class Real>
+void store(Real* to, const typename Simd<Real>::Vector& vector) {
+  std::memcpy(to, &vector, sizeof vector);
+}
 
 /// 64-byte aligned memory that grows and is never handed back: for thread_local workspaces.
 template <class T>
