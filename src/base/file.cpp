@@ -5,6 +5,7 @@
 #include "base/file.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -196,6 +197,19 @@ void AtomicFile::write_at(std::uint64_t offset, const void* data, std::size_t si
   }
 }
 
+std::uint64_t AtomicFile::hash_without(std::uint64_t at, std::size_t n) const {
+  NMP_CHECK(descriptor_ >= 0, path_.string() + ": read after commit");
+  struct stat status {};
+  if (::fstat(descriptor_, &status) != 0) fail("read its status");
+  const auto size = static_cast<std::size_t>(status.st_size);
+  if (size == 0) return nmp::hash_without(nullptr, 0, 0, 0);
+  void* data = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, descriptor_, 0);
+  if (data == MAP_FAILED) fail("map it");
+  const std::uint64_t hash = nmp::hash_without(data, size, static_cast<std::size_t>(at), n);
+  ::munmap(data, size);
+  return hash;
+}
+
 void AtomicFile::commit() {
   NMP_CHECK(descriptor_ >= 0, path_.string() + ": committed twice");
   // The folder is opened first: when that is refused, the old file is still in place.
@@ -218,6 +232,59 @@ void AtomicFile::commit() {
 
 void AtomicFile::fail(const char* what) const { fail_call(path_, what, errno); }
 
+LogFile::LogFile(const Path& path) : path_(path) {
+  descriptor_ = retry_interrupted([&] {
+    return ::open(path_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NONBLOCK | O_NOCTTY | O_CLOEXEC,
+                  0666);
+  });
+  if (descriptor_ < 0) fail_call(path_, "open the file", errno);
+  struct stat status {};
+  const bool known = ::fstat(descriptor_, &status) == 0;
+  const bool locked =
+      retry_interrupted([&] { return ::flock(descriptor_, LOCK_EX | LOCK_NB); }) == 0;
+  if (known && locked && S_ISREG(status.st_mode)) {
+    size_ = static_cast<std::uint64_t>(status.st_size);
+    return;
+  }
+  const int error = errno;
+  ::close(descriptor_);
+  if (known && !S_ISREG(status.st_mode))
+    throw IoError(
+        text(path_.string(), ": expected a regular file, found a pipe, device or socket"));
+  if (known && error == EWOULDBLOCK)
+    throw IoError(text(path_.string(), ": another process is writing it; wait for that run, or ",
+                       "give this one another output"));
+  fail_call(path_, "lock the file", error);
+}
+
+LogFile::~LogFile() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+void LogFile::cut(std::uint64_t size) {
+  if (size >= size_) return;
+  if (retry_interrupted([&] { return ::ftruncate(descriptor_, static_cast<off_t>(size)); }) != 0)
+    fail_call(path_, "shorten the file", errno);
+  size_ = size;
+}
+
+void LogFile::append(std::string_view line) {
+  while (!line.empty()) {
+    const ssize_t n =
+        retry_interrupted([&] { return ::write(descriptor_, line.data(), line.size()); });
+    if (n == 0) errno = EIO;
+    if (n <= 0) fail_call(path_, "write", errno);
+    line.remove_prefix(static_cast<std::size_t>(n));
+    size_ += static_cast<std::uint64_t>(n);
+  }
+}
+
+void LogFile::sync() {
+  // EINVAL: something that cannot be flushed.
+  if (retry_interrupted([&] { return ::fsync(descriptor_); }) != 0 && errno != EINVAL)
+    fail_call(path_, "flush to disk", errno);
+}
+
 void write_text(const Path& path, std::string_view content) {
   AtomicFile file(path);
   file.append(content.data(), content.size());
@@ -235,6 +302,16 @@ void refuse_to_overwrite(const Path& path, bool force) {
 }
 
 std::uint64_t hash_bytes(const void* data, std::size_t size) { return XXH3_64bits(data, size); }
+
+std::uint64_t hash_without(const void* data, std::size_t size, std::size_t at, std::size_t n) {
+  NMP_CHECK(at <= size && n <= size - at, "hash_without: the gap lies outside the bytes");
+  const auto* bytes = static_cast<const char*>(data);
+  XXH3_state_t state;
+  XXH3_64bits_reset(&state);
+  if (at > 0) XXH3_64bits_update(&state, bytes, at);
+  if (size > at + n) XXH3_64bits_update(&state, bytes + at + n, size - at - n);
+  return XXH3_64bits_digest(&state);
+}
 
 std::string hex(std::uint64_t value) {
   std::string digits(16, '0');

@@ -50,6 +50,8 @@ class AtomicFile {
   void append(const void* data, std::size_t size);
   /// Writes at a byte offset, leaving the append position alone.
   void write_at(std::uint64_t offset, const void* data, std::size_t size);
+  /// XXH3 of all that was written, `n` bytes at `at` left out (see hash_without).
+  std::uint64_t hash_without(std::uint64_t at, std::size_t n) const;
   /// Makes the file appear. Nothing may be written afterwards.
   void commit();
 
@@ -63,11 +65,37 @@ class AtomicFile {
 /// AtomicFile in one call.
 void write_text(const Path& path, std::string_view content);
 
+/// A text file that grows line by line and belongs to one process while it is open: a log. Lines
+/// are written at once, so that whoever dies leaves whole ones, the last perhaps cut.
+class LogFile {
+ public:
+  /// Opens or creates it.
+  /// @throws IoError  also if another process has it open
+  explicit LogFile(const Path& path);
+  ~LogFile();
+  LogFile(const LogFile&) = delete;
+  LogFile& operator=(const LogFile&) = delete;
+
+  std::uint64_t size() const { return size_; }
+  /// Keeps the first `size` bytes, at most all.
+  void cut(std::uint64_t size);
+  void append(std::string_view line);
+  /// Flushes it to disk.
+  void sync();
+
+ private:
+  Path path_;
+  int descriptor_ = -1;
+  std::uint64_t size_ = 0;
+};
+
 /// @throws ConfigError naming the remedy (--force) if `path` exists and `force` is false
 void refuse_to_overwrite(const Path& path, bool force);
 
 /// XXH3, 64 bits.
 std::uint64_t hash_bytes(const void* data, std::size_t size);
+/// The same with `n` bytes at `at` left out: the checksum that a file holds of itself.
+std::uint64_t hash_without(const void* data, std::size_t size, std::size_t at, std::size_t n);
 /// 16 lower-case hexadecimal digits.
 std::string hex(std::uint64_t value);
 /// hex(hash_bytes) of a whole file.

@@ -408,6 +408,8 @@ TensorFile TensorFile::parse(const std::byte* data, std::size_t size, const std:
 
   TensorFile result;
   result.name_ = name;
+  result.bytes_ = data;
+  result.size_ = size;
   result.data_ = data + header_end;
   std::size_t n_read = 0;
   HeaderReader reader(source, limits, n_read, result.metadata_, result.tensors_);
@@ -424,6 +426,23 @@ const std::string& TensorFile::metadata(const std::string& key) const {
     Source(name_).fail("metadata", "the key " + in_quotes(key), "it missing");
   }
   return found->second;
+}
+
+void TensorFile::verify() const {
+  const Source source(name_);
+  const std::string& checksum = metadata(kChecksum);
+  // Where its digits are: quotes inside other strings are escaped, so that this is found once.
+  const std::string_view file(reinterpret_cast<const char*>(bytes_), size_);
+  const std::string key = checksum_key();
+  const std::size_t key_at = file.find(key), at = key_at + key.size();
+  if (key_at == std::string_view::npos || checksum.size() != kChecksumDigits ||
+      file.substr(at, kChecksumDigits) != checksum) {
+    source.fail("metadata", "a checksum of 16 hexadecimal digits", in_quotes(checksum));
+  }
+  const std::string found = hex(hash_without(bytes_, size_, at, kChecksumDigits));
+  if (found != checksum) {
+    source.fail("checksum", checksum, found + ": the file is damaged, use a copy or make it again");
+  }
 }
 
 const TensorInfo& TensorFile::require(const std::string& tensor, DType dtype,

@@ -54,6 +54,9 @@ class TensorFile {
   const std::string& metadata(const std::string& key) const;
   const std::map<std::string, TensorInfo>& tensors() const { return tensors_; }
   bool contains(const std::string& tensor) const { return tensors_.count(tensor) > 0; }
+  /// @throws InputError  unless the metadata hold the file's checksum, as TensorFileWriter writes
+  ///         it, and every byte is what it was then
+  void verify() const;
 
   /// The entry, checked against a wanted dtype and shape (-1 = any extent).
   /// @throws InputError  if it is missing or differs
@@ -68,6 +71,8 @@ class TensorFile {
  private:
   std::string name_;
   std::shared_ptr<MappedFile> file_;
+  const std::byte* bytes_ = nullptr;  // all of the file
+  std::size_t size_ = 0;
   const std::byte* data_ = nullptr;  // first byte of the data section
   std::map<std::string, std::string> metadata_;
   std::map<std::string, TensorInfo> tensors_;
@@ -75,7 +80,8 @@ class TensorFile {
 
 /// Writes a safetensors file atomically: declare every tensor, then begin(), then fill the tensors
 /// in any order and any number of pieces, then commit(). Data start at a multiple of 64 bytes and
-/// tensors are ordered by falling element size, so that a mapped file can be read in place.
+/// tensors are ordered by falling element size, so that a mapped file can be read in place. The
+/// metadata's "checksum" is the XXH3 of the file with its 16 digits left out.
 class TensorFileWriter {
  public:
   explicit TensorFileWriter(const Path& path);

@@ -20,6 +20,12 @@ inline constexpr std::size_t kDataAlignment = 64;  // a cache line, and the wide
 inline constexpr std::size_t kMaxTokenBytes = 4u << 20;
 inline constexpr const char* kMetadata = "__metadata__";
 
+inline constexpr const char* kChecksum = "checksum";  // metadata key
+inline constexpr std::size_t kChecksumDigits = 16;
+
+/// What stands in a header before the digits.
+inline std::string checksum_key() { return "\"checksum\":\""; }
+
 /// "[2, any, 3]"; -1 is any extent.
 std::string shape_text(const std::vector<std::int64_t>& shape);
 

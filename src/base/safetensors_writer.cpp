@@ -76,6 +76,7 @@ struct TensorFileWriter::State {
   std::map<std::string, std::string> metadata;
   std::map<std::string, Output> outputs;
   std::uint64_t data_begin = 0;  // 0 until begin()
+  std::uint64_t checksum_at = 0;
 };
 
 TensorFileWriter::TensorFileWriter(const Path& path) : state_(std::make_unique<State>(path)) {}
@@ -84,6 +85,7 @@ TensorFileWriter::~TensorFileWriter() = default;
 
 void TensorFileWriter::set_metadata(const std::string& key, const std::string& value) {
   NMP_CHECK(state_->data_begin == 0, state_->name + ": metadata set after begin()");
+  NMP_CHECK(key != kChecksum, state_->name + ": metadata 'checksum' is the writer's own");
   check_name(key, state_->metadata.size());
   json_string(value);
   state_->metadata[key] = value;
@@ -118,15 +120,14 @@ void TensorFileWriter::begin() {
     return size_of(a->second.info.dtype) > size_of(b->second.info.dtype);
   });
 
-  std::string header = "{";
-  if (!state_->metadata.empty()) {
-    header += text(json_string(kMetadata), ":{");
-    for (const auto& [key, value] : state_->metadata) {
-      if (header.back() != '{') header += ',';
-      header += text(json_string(key), ":", json_string(value));
-    }
-    header += '}';
+  state_->metadata[kChecksum] = std::string(kChecksumDigits, '0');  // until commit()
+  std::string header = text("{", json_string(kMetadata), ":{");
+  for (const auto& [key, value] : state_->metadata) {
+    if (header.back() != '{') header += ',';
+    header += text(json_string(key), ":", json_string(value));
   }
+  header += '}';
+  state_->checksum_at = kLengthBytes + header.find(checksum_key()) + checksum_key().size();
   std::int64_t end = 0;
   for (Entry* entry : order) {
     auto& [tensor, output] = *entry;
@@ -136,8 +137,8 @@ void TensorFileWriter::begin() {
     NMP_CHECK(!__builtin_add_overflow(end, bytes, &end),
               state_->name + ": the tensors need more than 2^63 - 1 bytes");
     info.end = static_cast<std::size_t>(end);
-    if (header.size() > 1) header += ',';
-    header += text(json_string(tensor), ":{\"dtype\":\"", name_of(info.dtype), "\",\"shape\":[");
+    header +=
+        text(",", json_string(tensor), ":{\"dtype\":\"", name_of(info.dtype), "\",\"shape\":[");
     for (std::size_t i = 0; i < info.shape.size(); ++i) {
       header += text(i == 0 ? "" : ",", info.shape[i]);
     }
@@ -178,6 +179,8 @@ void TensorFileWriter::commit() {
     NMP_CHECK(output.complete(),
               text(state_->name, ": ", tensor_place(tensor), " is not filled to its last element"));
   }
+  const std::string checksum = hex(state_->file.hash_without(state_->checksum_at, kChecksumDigits));
+  state_->file.write_at(state_->checksum_at, checksum.data(), checksum.size());
   state_->file.commit();
 }
 

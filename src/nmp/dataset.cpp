@@ -140,6 +140,34 @@ class Entry {
   std::string place_;
 };
 
+// A manifest's last entry is its own checksum: the XXH3 of the file with these 16 digits left out.
+// Where the digits are; npos if there are none.
+constexpr std::size_t kChecksumDigits = 16;
+std::size_t own_checksum_at(const std::string& content) {
+  const std::string key = "\"checksum\": \"";
+  const std::size_t at = content.rfind(key);
+  if (at == std::string::npos || content.size() - at < key.size() + kChecksumDigits)
+    return std::string::npos;
+  return at + key.size();
+}
+
+std::string own_checksum(const std::string& content, std::size_t at) {
+  return hex(hash_without(content.data(), content.size(), at, kChecksumDigits));
+}
+
+// null: written by hand or by another program, nothing is known about its bytes.
+void check_own_checksum(const Entry& checksum, const std::string& content) {
+  if (checksum.is_null()) return;
+  const std::string digits = checksum.checksum();
+  const std::size_t at = own_checksum_at(content);
+  if (at == std::string::npos || content.compare(at, kChecksumDigits, digits) != 0)
+    checksum.fail("it to be the last entry of the file");
+  const std::string found = own_checksum(content, at);
+  if (found != digits)
+    checksum.fail("the file's XXH3 " + found +
+                  " (it is damaged, or was edited: then write null in its place)");
+}
+
 Json parse_json(const std::string& content, const std::string& file) {
   const auto limit_depth = [&](int depth, Json::parse_event_t, Json&) {
     if (depth > kMaxDepth) {
@@ -381,17 +409,23 @@ void write_manifest(const Path& path, const Manifest& manifest) {
   json["mesh"] = {{"name", kMeshName}, {"checksum", manifest.mesh_checksum}};
   json["train"] = json_records(manifest.train);
   json["validation"] = json_records(manifest.validation);
-  write_text(path, json.dump(2) + "\n");
+  json["checksum"] = std::string(kChecksumDigits, '0');
+  std::string content = json.dump(2) + "\n";
+  const std::size_t at = own_checksum_at(content);
+  content.replace(at, kChecksumDigits, own_checksum(content, at));
+  write_text(path, content);
 }
 
 Manifest read_manifest(const Path& path) {
   const std::string file = path.string();
-  const Json json = parse_json(read_text(path, kMaxManifest), file);
+  const std::string content = read_text(path, kMaxManifest);
+  const Json json = parse_json(content, file);
   const Entry root(json, file, "");
   if (root["format"].word() != kFormat) {
     root["format"].fail(text("\"", kFormat, "\""));
   }
   refuse_newer(file, root["version"].integer(1, std::numeric_limits<std::int64_t>::max()));
+  check_own_checksum(root["checksum"], content);
 
   Manifest manifest;
   manifest.scene_name = root["scene"]["name"].word();

@@ -116,21 +116,28 @@ nn::ParameterList<Real> Model<Real>::parameters() {
   return list;
 }
 
-void save_model(const Path& path, Model<float>& model) {
+void declare_model(TensorFileWriter& file, Model<float>& model, const Path& path) {
   const nn::ParameterList<float> parameters = model.parameters();
   const std::string bad = nn::first_non_finite_value(parameters);
   if (!bad.empty()) throw NumericalError(path.string() + ": not saved, " + bad + " is not finite");
-
-  TensorFileWriter file(path);
-  file.set_metadata("format", kFormat);
-  file.set_metadata("version", std::to_string(kVersion));
   file.set_metadata("architecture", describe(model).dump());
   file.set_metadata("config", model.info.config);
   for (const auto* p : parameters)
     file.declare(p->name(), DType::f32, {p->value().rows(), p->value().cols()});
-  file.begin();
-  for (const auto* p : parameters)
+}
+
+void write_weights(TensorFileWriter& file, Model<float>& model) {
+  for (const auto* p : model.parameters())
     file.write(p->name(), 0, row_major(p->value()).data(), p->value().size());
+}
+
+void save_model(const Path& path, Model<float>& model) {
+  TensorFileWriter file(path);
+  file.set_metadata("format", kFormat);
+  file.set_metadata("version", std::to_string(kVersion));
+  declare_model(file, model, path);
+  file.begin();
+  write_weights(file, model);
   file.commit();
 }
 
@@ -146,7 +153,15 @@ Model<Real> load_model(const Path& path) {
   if (file.metadata("version") != std::to_string(kVersion))
     throw fail("is of model version " + file.metadata("version") + ", this program reads version " +
                std::to_string(kVersion));
+  file.verify();
+  return read_model<Real>(file);
+}
 
+template <class Real>
+Model<Real> read_model(const TensorFile& file, const std::string& others) {
+  const auto fail = [&](const std::string& what) -> InputError {
+    return InputError(file.name() + ": " + what);
+  };
   Index n_weights = 0;
   for (const auto& entry : file.tensors()) n_weights += entry.second.count();
   const auto model_of = [&] {
@@ -176,8 +191,12 @@ Model<Real> load_model(const Path& path) {
           "\n  " + p->name() + " is " + shape_of(found->second) + ", expected " + shape_of(wanted);
     }
   }
+  const auto is_other = [&](const std::string& name) {
+    return !others.empty() && name.compare(0, others.size(), others) == 0;
+  };
   for (const auto& [name, info] : file.tensors())
-    if (!known.count(name)) differences += "\n  unexpected " + name + " " + shape_of(info);
+    if (!known.count(name) && !is_other(name))
+      differences += "\n  unexpected " + name + " " + shape_of(info);
   if (!differences.empty())
     throw fail("the weights are not those of the architecture it names:" + differences);
 
@@ -198,5 +217,7 @@ template struct Model<float>;
 template struct Model<double>;
 template Model<float> load_model(const Path&);
 template Model<double> load_model(const Path&);
+template Model<float> read_model(const TensorFile&, const std::string&);
+template Model<double> read_model(const TensorFile&, const std::string&);
 
 }  // namespace nmp

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "base/file.h"
+#include "base/safetensors.h"
 #include "nmp/integration_net.h"
 #include "nmp/stress_net.h"
 #include "nmp/train_config.h"
@@ -40,9 +41,19 @@ struct Model {
 /// architecture, scales and info in the metadata. Atomic.
 void save_model(const Path& path, Model<float>& model);
 
-/// @throws IoError, or InputError listing every tensor that is missing, extra, of another shape or
-///         not finite, and metadata that do not fit; nothing is returned half-loaded
+/// @throws IoError, or InputError if the file is damaged (its checksum tells) or as read_model does
 template <class Real>
 Model<Real> load_model(const Path& path);
+
+/// The two halves of both, for files that hold a model and more. Declares the weights and sets the
+/// metadata "architecture" and "config".
+/// @throws NumericalError  naming the weights that are not finite
+void declare_model(TensorFileWriter& file, Model<float>& model, const Path& path);
+void write_weights(TensorFileWriter& file, Model<float>& model);
+/// @param others  names of tensors that begin so are not the model's; empty: all must be
+/// @throws InputError  listing every tensor that is missing, extra, of another shape or not finite,
+///         and metadata that do not fit; nothing is returned half-loaded
+template <class Real>
+Model<Real> read_model(const TensorFile& file, const std::string& others = "");
 
 }  // namespace nmp

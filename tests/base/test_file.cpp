@@ -319,6 +319,46 @@ TEST_SUITE("base/file") {
     CHECK(get(folder / "a").empty());
   }
 
+  TEST_CASE("a log grows, is cut, and belongs to one at a time") {
+    const Folder folder;
+    const Path path = folder / "log";
+    {
+      LogFile log(path);
+      CHECK(log.size() == 0);
+      log.append("one\n");
+      log.append("two\n");
+      CHECK(log.size() == 8);
+      CHECK(get(path) == "one\ntwo\n");  // at once
+      std::string said;
+      try {
+        const LogFile second(path);
+      } catch (const IoError& error) {
+        said = error.what();
+      }
+      CHECK(said.find("another process is writing it") != std::string::npos);
+    }
+    LogFile log(path);
+    CHECK(log.size() == 8);
+    log.cut(100);
+    CHECK(log.size() == 8);
+    log.cut(4);
+    log.append("three\n");
+    log.sync();
+    CHECK(get(path) == "one\nthree\n");
+    CHECK_THROWS_AS(LogFile(folder.path()), IoError);
+    CHECK_THROWS_AS(LogFile(folder / "none" / "log"), IoError);
+    REQUIRE(::mkfifo((folder / "fifo").c_str(), 0600) == 0);
+    CHECK_THROWS_AS(LogFile(folder / "fifo"), IoError);
+  }
+
+  TEST_CASE("hash_without leaves bytes out") {
+    const std::string whole = "abcdefgh";
+    CHECK(hash_without(whole.data(), 8, 2, 3) == hash_bytes("abfgh", 5));
+    CHECK(hash_without(whole.data(), 8, 0, 8) == hash_bytes("", 0));
+    CHECK(hash_without(whole.data(), 8, 8, 0) == hash_bytes(whole.data(), 8));
+    CHECK_THROWS_AS(hash_without(whole.data(), 8, 6, 3), std::invalid_argument);
+  }
+
   TEST_CASE("refuses to overwrite without force, and names the remedy") {
     const Folder folder;
     put(folder / "a", "x");

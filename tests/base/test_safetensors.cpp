@@ -62,14 +62,20 @@ TensorFile parse(const std::string& file, const TensorLimits& limits = {}) {
   return result;
 }
 
-// The message of the InputError; empty if the file was accepted.
-std::string rejection(const std::string& file, const TensorLimits& limits = {}) {
+// The message of the InputError that `act` throws; empty if none.
+template <class Act>
+std::string message_of(const Act& act) {
   try {
-    parse(file, limits);
+    act();
   } catch (const InputError& error) {
     return error.what();
   }
   return "";
+}
+
+// The same of reading a file.
+std::string rejection(const std::string& file, const TensorLimits& limits = {}) {
+  return message_of([&] { parse(file, limits); });
 }
 
 bool contains(const std::string& text, const std::string& part) {
@@ -96,9 +102,10 @@ std::string two_file(int n_a, const std::string& offsets_a, int n_b, const std::
                  "12345678");
 }
 
-const char* const kTinyHeader =
-    R"({"__metadata__":{"format":"1"},"d":{"dtype":"F64","shape":[1],"data_offsets":[0,8]},)"
-    R"("b":{"dtype":"U8","shape":[3],"data_offsets":[8,11]}})";
+// The checksum is what xxhsum -H3 says of the file without these 16 digits.
+const char* const kTinyHeader = R"({"__metadata__":{"checksum":"7567e29af2d9a7ce","format":"1"},)"
+                                R"("d":{"dtype":"F64","shape":[1],"data_offsets":[0,8]},)"
+                                R"("b":{"dtype":"U8","shape":[3],"data_offsets":[8,11]}})";
 
 void write_tiny(const Path& path) {
   TensorFileWriter writer(path);
@@ -125,6 +132,47 @@ TEST_SUITE("base/safetensors") {
     const TemporaryPath temporary;
     write_tiny(temporary.path());
     CHECK(read_text(temporary.path(), 1000) == tiny_bytes());
+  }
+
+  TEST_CASE("every bit flip and every truncation of a file is detected (CK5)") {
+    const TemporaryPath temporary;
+    write_tiny(temporary.path());
+    const std::string whole = read_text(temporary.path(), 1000);
+    const auto accepted = [](const std::string& content) {
+      try {
+        const TensorFile file = TensorFile::parse(
+            reinterpret_cast<const std::byte*>(content.data()), content.size(), "tiny.st");
+        file.verify();
+        return true;
+      } catch (const InputError&) {
+        return false;
+      }
+    };
+    REQUIRE(accepted(whole));
+    for (std::size_t n = 0; n < whole.size(); ++n) CHECK_FALSE(accepted(whole.substr(0, n)));
+    for (std::size_t bit = 0; bit < 8 * whole.size(); ++bit) {
+      std::string flipped = whole;
+      flipped[bit / 8] = static_cast<char>(flipped[bit / 8] ^ (1 << bit % 8));
+      CHECK_FALSE(accepted(flipped));
+    }
+  }
+
+  TEST_CASE("a file without a checksum, or with something else in its place, is not verified") {
+    const auto complaint = [](const std::string& header) {
+      const std::string content = file_of(header);
+      const TensorFile file = TensorFile::parse(reinterpret_cast<const std::byte*>(content.data()),
+                                                content.size(), "tiny.st");
+      return message_of([&] { file.verify(); });
+    };
+    CHECK(complaint("{}") == "tiny.st: metadata: expected the key 'checksum', found it missing");
+    for (const std::string text : {"", "0123456789abcde", "0123456789abcdef0", "\\n"}) {
+      CHECK(contains(complaint(R"({"__metadata__":{"checksum":")" + text + "\"}}"),
+                     "a checksum of 16 hexadecimal digits"));
+    }
+    CHECK(contains(complaint(R"({"__metadata__":{"check\u0073um":"0123456789abcdef"}})"),
+                   "a checksum of 16 hexadecimal digits"));
+    CHECK(contains(complaint(R"({"__metadata__":{"checksum":"0123456789abcdef"}})"),
+                   "checksum: expected 0123456789abcdef, found"));
   }
 
   TEST_CASE("a tiny file written by hand is read") {
@@ -188,7 +236,8 @@ TEST_SUITE("base/safetensors") {
     CHECK(file.values<float>("none", {4, 0, 2}).empty());
     CHECK(file.tensors().at("scalar").count() == 1);
     CHECK(file.tensors().at("none").count() == 0);
-    CHECK(file.metadata().size() == 2);
+    CHECK(file.metadata().size() == 3);  // and the checksum
+    CHECK_NOTHROW(file.verify());
     CHECK(file.metadata("key \"1\"") == "line\nline \xe2\x82\xac");
     CHECK(file.metadata("").empty());
   }
@@ -479,14 +528,6 @@ TEST_SUITE("base/safetensors") {
 
   TEST_CASE("rejects a tensor or metadata key that is missing or of another dtype or shape") {
     const TensorFile file = parse(tiny_bytes());
-    const auto message_of = [](auto&& call) {
-      try {
-        call();
-      } catch (const InputError& error) {
-        return std::string(error.what());
-      }
-      return std::string();
-    };
     CHECK(message_of([&] {
             file.require("no", DType::f32, {-1, 3});
           }) == "hostile.st: tensor 'no': expected F32 of shape [any, 3], found it missing");
@@ -514,6 +555,7 @@ TEST_SUITE("base/safetensors") {
       CHECK_THROWS_AS(writer.declare("b", DType::f32, {Shape::value_type{1} << 61}), Error);
       CHECK_THROWS_AS(writer.declare("\xff", DType::f32, {1}), Error);
       CHECK_THROWS_AS(writer.declare(std::string(1025, 'n'), DType::f32, {1}), Error);
+      CHECK_THROWS_AS(writer.set_metadata("checksum", "0123456789abcdef"), Error);
       CHECK_THROWS_AS(writer.set_metadata("k", "\xff"), Error);
       CHECK_THROWS_AS(writer.set_metadata("k", std::string(4u << 20, 'v')), Error);
       CHECK_THROWS_AS(writer.write("a", 0, "1234", 1), Error);

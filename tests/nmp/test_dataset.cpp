@@ -73,12 +73,18 @@ Manifest write_dataset(const Path& folder) {
   return manifest;
 }
 
+// A manifest with null in place of its own checksum, as one that is written by hand.
+std::string unsealed(const std::string& manifest) {
+  const std::size_t at = manifest.rfind("\"checksum\": ") + 12;
+  return manifest.substr(0, at) + "null\n}\n";
+}
+
 // What opening says after `from` in the manifest has become `to`.
 std::string refusal(const std::string& from, const std::string& to) {
   const test::Folder folder;
   write_dataset(folder.path());
   const Path path = folder / "manifest.json";
-  put(path, replaced(get(path), from, to));
+  put(path, replaced(unsealed(get(path)), from, to));
   return test::message<InputError>([&] { Dataset::open(folder.path()); });
 }
 
@@ -204,6 +210,36 @@ TEST_SUITE("nmp/dataset") {
     trajectory.read_force<float>(kStates - 1, f_int);
     CHECK(f_int(kVertices - 1, 2) == 2.5f);
     CHECK(f_int.sum() == 2.5f);
+  }
+
+  TEST_CASE("every bit flip and every truncation of a manifest is detected (CK5)") {
+    const test::Folder folder;
+    write_dataset(folder.path());
+    const Path path = folder / "manifest.json";
+    const std::string whole = get(path);
+    REQUIRE(whole.size() < 4096);
+    const auto accepted = [&](const std::string& content) {
+      put(path, content);
+      try {
+        read_manifest(path);
+        return true;
+      } catch (const InputError& error) {
+        CHECK(contains(error.what(), path.string()));
+        return false;
+      }
+    };
+    CHECK(accepted(whole));
+    CHECK(accepted(unsealed(whole)));
+    std::size_t missed = 0;
+    for (std::size_t n = 0; n < whole.size(); ++n) missed += accepted(whole.substr(0, n));
+    for (std::size_t i = 0; i < whole.size(); ++i) {
+      std::string flipped = whole;
+      flipped[i] = static_cast<char>(flipped[i] ^ (1 << i % 8));
+      missed += accepted(flipped);
+    }
+    CHECK(missed == 0);
+    CHECK_FALSE(accepted(replaced(whole, "\"seed\": ", "\"seed\": 1")));
+    CHECK_FALSE(accepted(whole + " "));
   }
 
   TEST_CASE("a manifest that is not what it should be is refused with the place") {

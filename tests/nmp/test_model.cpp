@@ -53,6 +53,7 @@ struct Pieces {
   explicit Pieces(const Path& path) {
     const TensorFile file = TensorFile::open(path);
     metadata = file.metadata();
+    metadata.erase("checksum");  // the writer's own
     for (const auto& [name, info] : file.tensors())
       tensors[name] = {
           info.dtype, info.shape,
