@@ -58,7 +58,10 @@ void catch_signals() {
   action.sa_handler = on_signal;
   action.sa_flags = SA_RESTART;
   for (const int signal : {SIGINT, SIGTERM}) ::sigaction(signal, &action, nullptr);
-  std::signal(SIGPIPE, SIG_IGN);
+  struct sigaction hang_up {};
+  ::sigaction(SIGHUP, nullptr, &hang_up);
+  if (hang_up.sa_handler != SIG_IGN) ::sigaction(SIGHUP, &action, nullptr);  // not under nohup
+  for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);
 }
 
 bool stop_requested() { return signal_seen != 0; }
@@ -166,8 +169,8 @@ void add_json(CLI::App& app, Flags& flags) {
   app.add_flag("--json", flags.json, "Write one JSON document to stdout, and nothing else there");
 }
 
-void add_force(CLI::App& app, Flags& flags) {
-  app.add_flag("--force", flags.force, "Replace what exists");
+CLI::Option* add_force(CLI::App& app, Flags& flags) {
+  return app.add_flag("--force", flags.force, "Replace what exists");
 }
 
 void add_threads(CLI::App& app) {

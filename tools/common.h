@@ -20,8 +20,9 @@ struct Interrupted : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// From then on SIGINT and SIGTERM ask for a stop; a second one ends the program at once. SIGPIPE
-/// is ignored: a reader that is gone is an error of writing.
+/// From then on SIGINT, SIGTERM and SIGHUP ask for a stop; a second one ends the program at once.
+/// SIGPIPE and SIGXFSZ are ignored: a reader that is gone, and a file as large as it may be, are
+/// errors of writing.
 void catch_signals();
 /// True once a stop has been asked for.
 bool stop_requested();
@@ -73,7 +74,7 @@ struct Flags {
   std::vector<std::string> set;       // "table.key=value"
 };
 void add_json(CLI::App& app, Flags& flags);
-void add_force(CLI::App& app, Flags& flags);
+CLI::Option* add_force(CLI::App& app, Flags& flags);
 void add_threads(CLI::App& app);
 void add_seed(CLI::App& app, Flags& flags);
 void add_set(CLI::App& app, Flags& flags);

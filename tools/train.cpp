@@ -2,16 +2,16 @@
 //   nmp train fast --data data/cube -o cube.safetensors
 //   nmp train fast --data data/cube -o law.safetensors --stage constitutive --set seed=2
 //   nmp train fast --data data/cube -o both.safetensors --stage joint --model law.safetensors
+//   nmp train fast --data data/cube -o cube.safetensors --resume
 
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "common.h"
 #include "nmp/dataset.h"
 #include "nmp/model.h"
 #include "nmp/train_config.h"
-#include "nmp/trainer.h"
+#include "nmp/training_run.h"
 
 namespace nmp {
 namespace {
@@ -25,6 +25,9 @@ struct Options {
   std::string stage = "all";
   std::string start;       // a trained model to go on from; empty: a new one
   double max_minutes = 0;  // 0: no limit
+  bool resume = false;
+  double checkpoint_minutes = 5;
+  bool ignore_save_errors = false;
   common::Flags flags;
 };
 
@@ -53,80 +56,75 @@ std::string stage_table(const TrainResult& result) {
   return common::table(rows);
 }
 
-// How a run that was stopped is gone on with, as a sentence.
-std::string how_to_go_on(const Options& o, const TrainResult& result) {
-  if (result.stages.empty()) return "nothing was trained";
+// The command that goes on with a run that was stopped.
+std::string how_to_go_on(const Options& o) {
+  const auto quoted = [](const std::string& word) {
+    if (word.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                               "_-+=./,:") == std::string::npos)
+      return word;
+    std::string result = "'";
+    for (const char c : word) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    return result + "'";
+  };
+  std::string command = "nmp train " + quoted(o.config) + " --data " + quoted(o.data) + " -o " +
+                        quoted(o.out) + " --resume";
+  if (o.stage != "all") command += " --stage " + o.stage;
+  if (!o.start.empty()) command += " --model " + quoted(o.start);
+  for (const std::string& setting : o.flags.set) command += " --set " + quoted(setting);
+  if (o.flags.seed) command += text(" --seed ", *o.flags.seed);
+  return "this goes on as if it had never stopped:\n  " + command;
+}
+
+std::string progress_text(const TrainResult& result) {
+  if (result.stages.empty()) return "nothing has been trained";
   const StageReport& last = result.stages.back();
-  std::string again = "nmp train " + o.config + " --data " + o.data + " --model " + o.out +
-                      " --stage " + last.stage + " -o " + o.out + " --force";
-  for (const std::string& setting : o.flags.set) again += " --set '" + setting + "'";
-  if (o.flags.seed) again += text(" --seed ", *o.flags.seed);
-  return text(o.out, " holds the best weights after ", last.iterations, " of ", last.planned,
-              " steps of the stage ", last.stage, "; this trains the stage again from there:\n  ",
-              again, "\nand likewise, with another --stage, those after it");
+  return text("after ", last.iterations, " of ", last.planned, " steps of the stage ", last.stage);
 }
 
 void run(const Options& o) {
-  // 1. What to learn, from what, into which files.
+  // 1. What to learn, from what.
   TrainConfig config = read_train_config(o.config, o.flags.set);
   if (o.flags.seed) config.seed = *o.flags.seed;
   if (o.stage == "joint" && o.start.empty())
     throw ConfigError("--stage joint goes on from trained modules: name them with --model");
-  const Path out = o.out, metrics_path = Path(o.out).replace_extension(".metrics.jsonl");
-  refuse_to_overwrite(out, o.flags.force);
-  refuse_to_overwrite(metrics_path, o.flags.force);
   const Dataset dataset = Dataset::open(o.data);
-  Model<float> model = o.start.empty() ? make_model(config, dataset) : load_model<float>(o.start);
-  if (!o.start.empty()) {  // what it is keeps its place in the configuration it is saved with
-    config.stress = model.stress.config();
-    config.integration = model.integration.config();
-    config.staggered = model.info.stagger != 0;
-    model.info.config = to_toml(config);
-  }
 
   // 2. Train; what has been learned and logged is written, however it ends.
-  std::ostringstream metrics;
   common::Progress progress("train");
-  TrainOptions options;
-  options.stage = o.stage;
-  options.max_minutes = o.max_minutes;
-  options.metrics = &metrics;
-  options.stop = common::stop_requested;
-  options.say = common::note;
-  options.progress = [&](const TrainEvent& e) {
+  TrainingRunOptions options;
+  options.start = o.start;
+  options.resume = o.resume;
+  options.force = o.flags.force;
+  options.checkpoint_minutes = o.checkpoint_minutes;
+  options.ignore_save_errors = o.ignore_save_errors;
+  options.train.stage = o.stage;
+  options.train.max_minutes = o.max_minutes;
+  options.train.stop = common::stop_requested;
+  options.train.say = common::note;
+  options.train.progress = [&](const TrainEvent& e) {
     progress.update(
         static_cast<double>(e.iteration + 1) / static_cast<double>(e.iterations),
         text(e.stage, " ", e.iteration + 1, "/", e.iterations, "  loss ", number(e.loss)));
   };
-  const auto save = [&] {
-    progress.clear();
-    save_model(out, model);
-    write_text(metrics_path, metrics.str());
-  };
-  TrainResult result;
-  try {
-    result = train(model, dataset, config, options);
-  } catch (const NumericalError&) {
-    save();
-    common::note("the weights from before the error are in " + o.out);
-    throw;
-  }
-  save();
+  const TrainingRun run = run_training(config, dataset, o.out, options);
+  progress.clear();
 
   // 3. What came of it.
+  const std::string metrics = metrics_path(o.out).string();
+  const bool complete = run.already_complete || run.result.complete;
   if (o.flags.json) {
-    Json json = {{"model", o.out},
-                 {"metrics", metrics_path.string()},
-                 {"complete", result.complete},
-                 {"stages", Json::array()}};
-    for (const StageReport& report : result.stages) json["stages"].push_back(to_json(report));
+    Json json = {
+        {"model", o.out}, {"metrics", metrics}, {"complete", complete}, {"stages", Json::array()}};
+    for (const StageReport& report : run.result.stages) json["stages"].push_back(to_json(report));
     common::print(json.dump(1) + "\n");
   } else {
-    common::print(stage_table(result) + o.out + "\n" + metrics_path.string() + "\n");
+    common::print((run.already_complete ? "" : stage_table(run.result)) + o.out + "\n" + metrics +
+                  "\n");
   }
-  if (!result.complete && common::stop_requested())
-    throw common::Interrupted("stopped; " + how_to_go_on(o, result));
-  if (!result.complete) common::note("time is up; " + how_to_go_on(o, result));
+  if (complete) return;
+  const std::string where = progress_text(run.result) + "; " + how_to_go_on(o);
+  if (common::stop_requested()) throw common::Interrupted("stopped " + where);
+  common::note("time is up " + where);
 }
 
 }  // namespace
@@ -135,8 +133,10 @@ void add_train(CLI::App& app) {
   CLI::App& train = common::add_command(
       app, "train", "Learn the stress law and the integrator from a dataset",
       "Writes the model and, beside it, its metrics: cube.safetensors, cube.metrics.jsonl.\n"
-      "Ctrl-C and --max-minutes save what has been learned and say how to go on.",
+      "Ctrl-C, SIGTERM and --max-minutes save and say how to go on; the last two checkpoints\n"
+      "(cube.checkpoint-0.safetensors, -1) stay until the run is complete.",
       {"nmp train fast --data data/cube -o cube.safetensors",
+       "nmp train fast --data data/cube -o cube.safetensors --resume",
        "nmp train fast --data data/cube -o law.safetensors --stage constitutive --max-minutes 5",
        "nmp train fast --data data/cube --model law.safetensors --stage integration -o "
        "m.safetensors"});
@@ -152,9 +152,20 @@ void add_train(CLI::App& app) {
   train.add_option("--max-minutes", o->max_minutes, "Save and stop after so long; 0: no limit")
       ->type_name("M")
       ->check(CLI::Range(0.0, 1e6));
+  CLI::Option* resume = train.add_flag(
+      "--resume", o->resume,
+      "Go on where a run of the same settings stopped, bitwise; begins if there is none");
+  train
+      .add_option("--checkpoint-minutes", o->checkpoint_minutes,
+                  "Time between checkpoints; 0: after every step")
+      ->type_name("M")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
+  train.add_flag("--ignore-save-errors", o->ignore_save_errors,
+                 "Go on training if a checkpoint cannot be written, with a warning");
   common::add_set(train, o->flags);
   common::add_seed(train, o->flags);
-  common::add_force(train, o->flags);
+  common::add_force(train, o->flags)->excludes(resume);
   common::add_threads(train);
   common::add_json(train, o->flags);
   train.callback([o] { run(*o); });

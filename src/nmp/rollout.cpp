@@ -65,7 +65,8 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
 }
 
 template <class Real>
-RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth, Index n_frames) {
+RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth, Index n_frames,
+                     const std::function<void()>& each_frame) {
   const Index n_vertices = simulation.mesh.n_vertices();
   RolloutError error;
   Matrix<double> x(n_vertices, 3), x_true(n_vertices, 3);
@@ -78,6 +79,7 @@ RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth
       roll_out<Real>(simulation, truth.state<Real>(0), n_frames, [&](const Frame<Real>& frame) {
         x = frame.x.template cast<double>();
         add(frame.t);
+        if (each_frame) each_frame();
       });
   for (auto t = static_cast<Index>(error.rmse.size()); t <= n_frames; ++t) add(t);
   return error;
@@ -87,7 +89,8 @@ RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth
   template Var<Real> internal_velocity(const Simulation<Real>&, Var<Real>, Var<Real>);  \
   template RolloutEnd roll_out(const Simulation<Real>&, const fem::State<Real>&, Index, \
                                const std::function<void(const Frame<Real>&)>&);         \
-  template RolloutError compare(const Simulation<Real>&, const Trajectory&, Index);
+  template RolloutError compare(const Simulation<Real>&, const Trajectory&, Index,      \
+                                const std::function<void()>&);
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)

@@ -52,12 +52,14 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
 
 /// RMSE [m] of a rollout against the record it starts from, at every frame 0 ... n_frames; after a
 /// divergence the body is held at its last finite frame (design.md section 2).
+/// @param each_frame  called after every frame; may throw to end the rollout
 struct RolloutError {
   std::vector<double> rmse;
   RolloutEnd end;
 };
 template <class Real>
-RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth, Index n_frames);
+RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth, Index n_frames,
+                     const std::function<void()>& each_frame = {});
 
 /// v_in at a start or a reset to the truth: v - s dv(x, v, f(x)).   #V x 3
 template <class Real>

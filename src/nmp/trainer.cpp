@@ -3,7 +3,6 @@
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <ostream>
 
 #include "fem/deformation_gradient.h"
 #include "fem/laws.h"
@@ -131,10 +130,17 @@ class Run {
   }
 
   TrainResult run() {
+    if (options_.resume) state_ = *options_.resume;
     const bool all = options_.stage == "all";
-    if (all || options_.stage == "constitutive") constitutive();
-    if (all || options_.stage == "integration") integration();
-    if (all || options_.stage == "joint") joint();
+    try {
+      if (all || options_.stage == "constitutive") constitutive();
+      if (all || options_.stage == "integration") integration();
+      if (all || options_.stage == "joint") joint();
+    } catch (const Stopped&) {
+      result_.complete = false;
+    }
+    result_.stages = state_.finished;
+    if (!state_.report.stage.empty()) result_.stages.push_back(state_.report);
     return std::move(result_);
   }
 
@@ -148,13 +154,21 @@ class Run {
     if (options_.say) options_.say(sentence);
   }
   void log(const Json& line) const {
-    if (options_.metrics) *options_.metrics << line.dump() << "\n" << std::flush;
+    if (options_.log) options_.log(line.dump());
   }
+  void save() const {
+    if (options_.save) options_.save(state_);
+  }
+
+  // Ends the run: the state has been saved.
+  struct Stopped {};
+  // Ends a trial rollout.
+  struct Interrupted {};
 
   // Stage 1a (paper Sec. 3.3): the law, with the analytic integrator beside it.
   void constitutive() {
     const StageConfig& stage = config_.constitutive;
-    if (skipped("constitutive", stage)) return;
+    if (done("constitutive", stage)) return;
     const auto loss =
         stage.method == "pairs"
             ? make_pairs_loss(model_, dataset_, learn_, stage, config_.seed)
@@ -167,7 +181,7 @@ class Run {
   // closed form.
   void integration() {
     const StageConfig& stage = config_.integrate;
-    if (model_.integration.affine()) {
+    if (model_.integration.affine() && state_.done.insert("fit").second) {
       const AffineFit fit = fit_affine(dataset_, learn_, stage.fit_window, model_.info.stagger);
       model_.integration.set_affine(fit.alpha, fit.b);
       model_.info.affine_alpha = fit.alpha;
@@ -180,7 +194,7 @@ class Run {
            {"b", {fit.b[0], fit.b[1], fit.b[2]}},
            {"residual", fit.residual}});
     }
-    if (skipped("integration", stage)) return;
+    if (done("integration", stage)) return;
     if (!law_)
       throw ConfigError(
           "the integration stage needs a dataset whose law is known: its rollouts use it");
@@ -195,23 +209,20 @@ class Run {
   // Stage 2: both together, with the volume hinge.
   void joint() {
     const StageConfig& stage = config_.joint;
-    if (skipped("joint", stage)) return;
+    if (done("joint", stage)) return;
     const auto loss =
         make_rollout_loss(model_, dataset_, learn_, stage, Learned::both, config_.seed);
     nn::ParameterList<float> parameters = model_.stress.parameters();
     for (auto* p : model_.integration.parameters()) parameters.push_back(p);
     optimise({"joint", "neural law, neural integrator"}, stage, *loss, parameters,
              simulation(model_.stress, model_.integration));
-    const StageReport& report = result_.stages.back();
-    if (report.iterations > 0 && report.change_end == 0)
-      throw NumericalError(text("the joint stage changed no weight in ", report.iterations,
-                                " steps: are its learning rate and its weights in order?"));
   }
 
-  bool skipped(const std::string& name, const StageConfig& stage) const {
-    if (!result_.complete) return true;
+  bool done(const std::string& name, const StageConfig& stage) {
+    if (state_.done.count(name) > 0) return true;
     if (stage.iterations > 0 || stage.epochs > 0) return false;
     say(name + ": no iterations are configured, stage skipped");
+    state_.done.insert(name);
     return true;
   }
 
@@ -228,9 +239,12 @@ class Run {
 
   // Root mean square over the frames of the set-aside trajectories of a rollout's RMSE [m].
   double trial(const Simulation<float>& simulation) const {
+    const auto each_frame = [this] {
+      if (options_.stop && options_.stop()) throw Interrupted();
+    };
     double sum = 0, n = 0;
     for (const Trajectory* truth : trial_) {
-      for (const double error : compare(simulation, *truth, truth->frames()).rmse) {
+      for (const double error : compare(simulation, *truth, truth->frames(), each_frame).rmse) {
         sum += error * error;
         n += 1;
       }
@@ -242,59 +256,65 @@ class Run {
     std::string stage, pairing;
   };
 
+  // The state between two steps is state_, the model's weights and Adam's moments; all that is
+  // saved, and each of them is what it would be had the run never stopped.
   void optimise(const Names& names, const StageConfig& stage, TrainingLoss& loss,
                 const nn::ParameterList<float>& parameters, const Simulation<float>& simulation) {
-    const bool rollout = stage.method == "rollout";
-    StageReport report;
-    report.stage = names.stage;
-    report.pairing = names.pairing;
-    report.planned = rollout ? rollout_iterations(learn_, stage) : stage.iterations;
-    say(text(names.stage, ": ", report.planned, " steps of ", stage.method, " on ",
-             nn::n_weights(parameters), " weights"));
-
     nn::set_frozen(model_.parameters(), true);
     nn::set_frozen(parameters, false);
-    const auto before = nn::values(parameters);
-    auto best = before;
-    report.rmse_before = report.rmse_kept = trial(simulation);
-    const auto try_weights = [&] {
-      report.rmse_after = trial(simulation);
-      if (!(report.rmse_after < report.rmse_kept)) return;
-      report.rmse_kept = report.rmse_after;
-      report.kept = report.iterations;
-      best = nn::values(parameters);
+    nn::Adam<float> adam(parameters);
+    StageReport& report = state_.report;
+    if (report.stage.empty()) {
+      begin_stage(names, stage, parameters, simulation);
+    } else {
+      restore(names, parameters, adam);
+    }
+    const double seconds_before = report.seconds;
+    const auto begin = Clock::now();
+    const auto take = [&] {
+      report.seconds = seconds_before + seconds_since(begin);
+      report.change_end = nn::relative_change(parameters, state_.before);
+      state_.adam_steps = adam.steps_done();
+      state_.m = adam.first_moments();
+      state_.v = adam.second_moments();
+    };
+    // With time for it, the weights at hand are tried too, of which the run that goes on from what
+    // is saved here will not know.
+    const auto stop = [&](bool time_for_trial) {
+      take();
+      save();
+      try {
+        if (time_for_trial && report.iterations != state_.tried)
+          try_weights(parameters, simulation);
+      } catch (const Interrupted&) {
+      }
+      nn::set_values(parameters, state_.best);
+      report.change = nn::relative_change(parameters, state_.before);
+      model_.info.state = names.stage + " (stopped early)";
+      throw Stopped();
     };
 
-    const auto begin = Clock::now();
-    nn::Adam<float> adam(parameters);
     ad::Tape<float> tape;
-    Index skipped_in_a_row = 0;
-    while (report.iterations < report.planned && !stop_requested()) {
-      const Index i = report.iterations;
-      tape.clear();
-      nn::zero_bars(parameters);
-      const ad::Var<float> L = loss(tape, i);
-      tape.backward(L);
-      TrainEvent event{names.stage,
-                       i,
-                       report.planned,
-                       L.value()(0, 0),
-                       nn::cosine(stage.lr, stage.lr_end, i, report.planned),
-                       0,
-                       0};
-      const std::string bad =
-          std::isfinite(event.loss) ? nn::first_non_finite_bar(parameters) : "loss";
-      if (bad.empty()) {
-        event.gradient_norm = nn::clip_gradient_norm(parameters, stage.clip);
-        adam.step(event.learning_rate);
-        skipped_in_a_row = 0;
-      } else {
-        refuse_update(names.stage, i, bad, ++skipped_in_a_row);
+    const Index first = report.iterations;
+    for (;;) {
+      const bool last = report.iterations == report.planned;
+      const bool trial_due =
+          last || (stage.select_every > 0 && report.iterations % stage.select_every == 0);
+      if (trial_due && report.iterations != state_.tried) {
+        try {
+          try_weights(parameters, simulation);
+        } catch (const Interrupted&) {
+          stop(false);
+        }
       }
+      if (last) break;
+      if (options_.stop && options_.stop()) stop(false);
+      if (time_is_up()) stop(true);
+      const TrainEvent event = step(names.stage, stage, loss, parameters, adam, tape,
+                                    seconds_before + seconds_since(begin));
       ++report.iterations;
-      event.seconds = seconds_since(begin);
       if (options_.progress) options_.progress(event);
-      if (report.iterations == kTimedSteps) announce_duration(event);
+      if (report.iterations - first == kTimedSteps) announce_duration(event, seconds_since(begin));
       log({{"event", "step"},
            {"stage", event.stage},
            {"iteration", event.iteration},
@@ -303,28 +323,102 @@ class Run {
            {"lr", event.learning_rate},
            {"grad_norm", event.gradient_norm},
            {"seconds", event.seconds}});
-      if (stage.select_every > 0 && report.iterations % stage.select_every == 0 &&
-          report.iterations < report.planned)
-        try_weights();
+      if (options_.save && options_.save_due && options_.save_due()) {
+        take();
+        save();
+      }
     }
-    result_.complete = report.iterations == report.planned;
-    report.change_end = nn::relative_change(parameters, before);
-    try_weights();
-    nn::set_values(parameters, best);
-    report.change = nn::relative_change(parameters, before);
-    report.seconds = seconds_since(begin);
-    model_.info.state = names.stage + (result_.complete ? "" : " (stopped early)");
-    finish(report);
+    take();
+    finish(parameters);
+  }
+
+  // @throws Stopped  if it is interrupted: nothing has begun then
+  void begin_stage(const Names& names, const StageConfig& stage,
+                   const nn::ParameterList<float>& parameters,
+                   const Simulation<float>& simulation) {
+    StageReport report;
+    report.stage = names.stage;
+    report.pairing = names.pairing;
+    report.planned =
+        stage.method == "rollout" ? rollout_iterations(learn_, stage) : stage.iterations;
+    say(text(names.stage, ": ", report.planned, " steps of ", stage.method, " on ",
+             nn::n_weights(parameters), " weights"));
+    try {
+      report.rmse_before = report.rmse_after = report.rmse_kept = trial(simulation);
+    } catch (const Interrupted&) {
+      save();
+      throw Stopped();
+    }
+    state_.report = report;
+    state_.tried = state_.refused = 0;
+    state_.before = state_.best = nn::values(parameters);
+  }
+
+  void restore(const Names& names, const nn::ParameterList<float>& parameters,
+               nn::Adam<float>& adam) {
+    NMP_CHECK(state_.report.stage == names.stage, "the state to go on from is of the stage " +
+                                                      state_.report.stage + ", not of " +
+                                                      names.stage);
+    const auto fits = [&](const std::vector<Matrix<float>>& matrices) {
+      bool same = matrices.size() == parameters.size();
+      for (std::size_t i = 0; same && i < matrices.size(); ++i)
+        same = matrices[i].rows() == parameters[i]->value().rows() &&
+               matrices[i].cols() == parameters[i]->value().cols();
+      return same;
+    };
+    NMP_CHECK(fits(state_.before) && fits(state_.best) && fits(state_.m) && fits(state_.v),
+              "the state to go on from has not the shapes of the stage's weights");
+    adam.first_moments() = state_.m;
+    adam.second_moments() = state_.v;
+    adam.set_steps_done(state_.adam_steps);
+    say(text(names.stage, ": going on after ", state_.report.iterations, " of ",
+             state_.report.planned, " steps"));
+  }
+
+  // One optimiser step, from the loss to the weights.
+  TrainEvent step(const std::string& name, const StageConfig& stage, TrainingLoss& loss,
+                  const nn::ParameterList<float>& parameters, nn::Adam<float>& adam,
+                  ad::Tape<float>& tape, double seconds) {
+    const Index i = state_.report.iterations, planned = state_.report.planned;
+    tape.clear();
+    nn::zero_bars(parameters);
+    const ad::Var<float> L = loss(tape, i);
+    tape.backward(L);
+    TrainEvent event{
+        name, i,      planned, L.value()(0, 0), nn::cosine(stage.lr, stage.lr_end, i, planned),
+        0,    seconds};
+    const std::string bad =
+        std::isfinite(event.loss) ? nn::first_non_finite_bar(parameters) : "loss";
+    if (bad.empty()) {
+      event.gradient_norm = nn::clip_gradient_norm(parameters, stage.clip);
+      adam.step(event.learning_rate);
+      state_.refused = 0;
+    } else {
+      refuse_update(name, i, bad, ++state_.refused);
+    }
+    return event;
+  }
+
+  void try_weights(const nn::ParameterList<float>& parameters,
+                   const Simulation<float>& simulation) {
+    StageReport& report = state_.report;
+    report.rmse_after = trial(simulation);
+    state_.tried = report.iterations;
+    if (!(report.rmse_after < report.rmse_kept)) return;
+    report.rmse_kept = report.rmse_after;
+    report.kept = report.iterations;
+    state_.best = nn::values(parameters);
   }
 
   // A long stage tells at its start how long it will be.
   static constexpr Index kTimedSteps = 3;
-  void announce_duration(const TrainEvent& event) const {
-    const double minutes = event.seconds / 60 * static_cast<double>(event.iterations) /
-                           static_cast<double>(kTimedSteps);
+  void announce_duration(const TrainEvent& event, double seconds) const {
+    const Index left = event.iterations - event.iteration - 1;
+    const double minutes =
+        seconds / 60 * static_cast<double>(left) / static_cast<double>(kTimedSteps);
     if (minutes > 2)
-      say(text(event.stage, ": about ", std::ceil(minutes), " minutes for all of its ",
-               event.iterations, " steps at this pace"));
+      say(text(event.stage, ": about ", std::ceil(minutes), " minutes for its ", left,
+               " steps at this pace"));
   }
 
   // NN10: the weights stay as they were.
@@ -338,8 +432,15 @@ class Run {
     say(what);
   }
 
-  void finish(const StageReport& report) {
-    result_.stages.push_back(report);
+  // The stage is over: its best weights stay.
+  void finish(const nn::ParameterList<float>& parameters) {
+    StageReport& report = state_.report;
+    if (report.stage == "joint" && report.change_end == 0)
+      throw NumericalError(text("the joint stage changed no weight in ", report.iterations,
+                                " steps: are its learning rate and its weights in order?"));
+    nn::set_values(parameters, state_.best);
+    report.change = nn::relative_change(parameters, state_.before);
+    model_.info.state = report.stage;
     log({{"event", "stage"},
          {"stage", report.stage},
          {"pairing", report.pairing},
@@ -356,10 +457,16 @@ class Run {
              report.rmse_after, " m, weights moved by ", 100 * report.change_end,
              " %; kept those after ", report.kept, " of ", report.iterations, " steps, ",
              report.rmse_kept, " m (moved by ", 100 * report.change, " %)"));
+    TrainState next;
+    next.finished = state_.finished;
+    next.finished.push_back(report);
+    next.done = state_.done;
+    next.done.insert(report.stage);
+    state_ = next;
+    save();
   }
 
-  bool stop_requested() const {
-    if (options_.stop && options_.stop()) return true;
+  bool time_is_up() const {
     return options_.max_minutes > 0 && seconds_since(begin_) > 60 * options_.max_minutes;
   }
 
@@ -373,6 +480,7 @@ class Run {
   fem::SemiImplicitEuler<float> euler_;
   std::unique_ptr<fem::ConstitutiveLaw<float>> law_;
   Trajectories learn_, trial_;
+  TrainState state_;
   TrainResult result_;
   Clock::time_point begin_ = Clock::now();
 };

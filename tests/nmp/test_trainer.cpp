@@ -69,7 +69,7 @@ struct Traced {
   Traced(const TrainConfig& config, const Dataset& data, const std::string& stage = "all")
       : model(make_model(config, data)), before(nn::values(model.parameters())) {
     options.stage = stage;
-    options.metrics = &metrics;
+    options.log = [this](const std::string& line) { metrics << line << "\n"; };
     options.progress = [this](const TrainEvent& event) {
       events.push_back(event);
       weights.push_back(nn::values(model.parameters()));

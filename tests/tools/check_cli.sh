@@ -138,8 +138,9 @@ sleep 1
 kill -INT $pid
 wait $pid
 [ $? -eq 130 ] || complain "an interrupted training does not end with 130"
-says "--model s.safetensors"
-[ -s s.safetensors ] && [ -s s.metrics.jsonl ] || complain "an interrupted training saved nothing"
+says "nmp train fast --data d -o s.safetensors --resume"
+[ -s s.safetensors ] && [ -s s.metrics.jsonl ] && [ -s s.checkpoint-1.safetensors ] ||
+  complain "an interrupted training saved nothing"
 
 [ $failures -eq 0 ] || exit 1
 echo "all as promised"
