@@ -94,6 +94,21 @@ std::uint64_t regular_size(const Path& path, const Descriptor& file) {
   return static_cast<std::uint64_t>(status.st_size);
 }
 
+// Takes an open file or folder for this process alone. @return its size
+std::uint64_t own(const Path& path, int descriptor, bool folder) {
+  struct stat status {};
+  if (::fstat(descriptor, &status) != 0) fail_call(path, "read the file's status", errno);
+  if (!folder && !S_ISREG(status.st_mode))
+    throw IoError(text(path.string(), ": expected a regular file, found a pipe, device or socket"));
+  if (retry_interrupted([&] { return ::flock(descriptor, LOCK_EX | LOCK_NB); }) != 0) {
+    if (errno == EWOULDBLOCK)
+      throw IoError(text(path.string(), ": another process is writing it; wait for that run, or ",
+                         "give this one another output"));
+    fail_call(path, "lock it", errno);
+  }
+  return static_cast<std::uint64_t>(status.st_size);
+}
+
 // The folder that holds `path`; "." for a bare name.
 Path folder_of(const Path& path) { return path.has_parent_path() ? path.parent_path() : Path("."); }
 
@@ -232,29 +247,32 @@ void AtomicFile::commit() {
 
 void AtomicFile::fail(const char* what) const { fail_call(path_, what, errno); }
 
+FolderLock::FolderLock(const Path& folder) {
+  descriptor_ =
+      retry_interrupted([&] { return ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
+  if (descriptor_ < 0) fail_call(folder, "open the folder", errno);
+  try {
+    own(folder, descriptor_, true);
+  } catch (const IoError&) {
+    ::close(descriptor_);
+    throw;
+  }
+}
+
+FolderLock::~FolderLock() { ::close(descriptor_); }
+
 LogFile::LogFile(const Path& path) : path_(path) {
   descriptor_ = retry_interrupted([&] {
     return ::open(path_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NONBLOCK | O_NOCTTY | O_CLOEXEC,
                   0666);
   });
   if (descriptor_ < 0) fail_call(path_, "open the file", errno);
-  struct stat status {};
-  const bool known = ::fstat(descriptor_, &status) == 0;
-  const bool locked =
-      retry_interrupted([&] { return ::flock(descriptor_, LOCK_EX | LOCK_NB); }) == 0;
-  if (known && locked && S_ISREG(status.st_mode)) {
-    size_ = static_cast<std::uint64_t>(status.st_size);
-    return;
+  try {
+    size_ = own(path_, descriptor_, false);
+  } catch (const IoError&) {
+    ::close(descriptor_);
+    throw;
   }
-  const int error = errno;
-  ::close(descriptor_);
-  if (known && !S_ISREG(status.st_mode))
-    throw IoError(
-        text(path_.string(), ": expected a regular file, found a pipe, device or socket"));
-  if (known && error == EWOULDBLOCK)
-    throw IoError(text(path_.string(), ": another process is writing it; wait for that run, or ",
-                       "give this one another output"));
-  fail_call(path_, "lock the file", error);
 }
 
 LogFile::~LogFile() {

@@ -89,6 +89,20 @@ class LogFile {
   std::uint64_t size_ = 0;
 };
 
+/// A folder that one process at a time may write: released with the object, or when the process
+/// dies.
+/// @throws IoError  also if another process has it
+class FolderLock {
+ public:
+  explicit FolderLock(const Path& folder);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int descriptor_ = -1;
+};
+
 /// @throws ConfigError naming the remedy (--force) if `path` exists and `force` is false
 void refuse_to_overwrite(const Path& path, bool force);
 

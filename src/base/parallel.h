@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <memory>
 #include <type_traits>
@@ -10,6 +11,23 @@ namespace nmp {
 /// @throws std::invalid_argument  if n < 0
 void set_threads(int n);
 int threads();
+
+/// A count that threads of the host may add to at the same time; a copy counts on by itself.
+class SharedCount {
+ public:
+  SharedCount() = default;
+  SharedCount(const SharedCount& other) : n_(other.get()) {}
+  SharedCount& operator=(const SharedCount& other) {
+    n_.store(other.get(), std::memory_order_relaxed);
+    return *this;
+  }
+  std::ptrdiff_t get() const { return n_.load(std::memory_order_relaxed); }
+  void add(std::ptrdiff_t n) { n_.fetch_add(n, std::memory_order_relaxed); }
+  void reset() { n_.store(0, std::memory_order_relaxed); }
+
+ private:
+  std::atomic<std::ptrdiff_t> n_{0};
+};
 
 namespace detail {
 using ChunkFunction = void (*)(void* body, std::ptrdiff_t begin, std::ptrdiff_t end);

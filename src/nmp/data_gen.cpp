@@ -64,9 +64,9 @@ void remove_dataset(const Path& folder) {
   fs::remove(folder / "scene.toml");
 }
 
-// Makes the folder the scene's: new, empty, begun with the same scene, or emptied.
+// Makes the folder the scene's: empty, begun with the same scene, or emptied.
 void claim_folder(const Path& folder, const std::string& scene_toml, bool force) {
-  const bool holds_something = fs::exists(folder) && !fs::is_empty(folder);
+  const bool holds_something = !fs::is_empty(folder);
   if (!holds_something || scene_of(folder) != scene_toml) {
     if (holds_something && !force) {
       throw ConfigError(text(
@@ -75,7 +75,6 @@ void claim_folder(const Path& folder, const std::string& scene_toml, bool force)
           "; choose another folder, or --force to start over"));
     }
     if (holds_something) remove_dataset(folder);
-    fs::create_directories(folder);
     write_text(folder / "scene.toml", scene_toml);
   }
   fs::create_directories(folder / "train");
@@ -160,6 +159,8 @@ Manifest generate_dataset(const Scene& scene, const Path& folder, const DataGenO
   const fem::TetMesh<double> mesh = make_mesh(scene);
   const std::string scene_toml = to_toml(scene);
   const std::string scene_hash = hex(hash_bytes(scene_toml.data(), scene_toml.size()));
+  fs::create_directories(folder);
+  const FolderLock lock(folder);
   claim_folder(folder, scene_toml, options.force);
 
   Manifest manifest;

@@ -138,7 +138,7 @@ Var<Real> IntegrationNet<Real>::dv(const fem::StepContext<Real>& context, Var<Re
   const Var<Real> predicted = ad::add(v, dv);
   const Var<Real> limited =
       ad::clamp_rows(predicted, static_cast<Real>(config_.speed_limit), &n_clamped);
-  n_clamped_ += n_clamped;
+  n_clamped_.add(n_clamped);
   if (n_clamped == 0) return dv;
   std::vector<char> below(static_cast<std::size_t>(dv.rows())), above(below.size());
   for (std::size_t i = 0; i < below.size(); ++i) {

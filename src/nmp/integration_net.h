@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "base/parallel.h"
 #include "fem/integrator.h"
 #include "nmp/alignment.h"
 #include "nmp/train_config.h"
@@ -75,8 +76,8 @@ class IntegrationNet : public fem::Integrator<Real> {
   const IntegrationNetConfig& config() const { return config_; }
 
   /// Vertices whose velocity the speed limit has cut since the last reset.
-  Index n_clamped() const { return n_clamped_; }
-  void reset_n_clamped() { n_clamped_ = 0; }
+  Index n_clamped() const { return n_clamped_.get(); }
+  void reset_n_clamped() { n_clamped_.reset(); }
 
   /// The weights of the net; the affine numbers are separate, since the closed form is their
   /// optimum.
@@ -91,7 +92,7 @@ class IntegrationNet : public fem::Integrator<Real> {
   nn::Mlp<Real> mlp_;
   ad::Parameter<Real> alpha_, b_;  // 1 x 1, 1 x 3
   bool residual_enabled_ = true;
-  mutable Index n_clamped_ = 0;
+  mutable SharedCount n_clamped_;  // one model may move many bodies
 };
 
 }  // namespace nmp

@@ -351,6 +351,19 @@ TEST_SUITE("base/file") {
     CHECK_THROWS_AS(LogFile(folder / "fifo"), IoError);
   }
 
+  TEST_CASE("a folder is locked until its lock is gone") {
+    const Folder folder;
+    {
+      const FolderLock lock(folder.path());
+      CHECK_THROWS_AS(FolderLock(folder.path()), IoError);
+    }
+    CHECK_NOTHROW(FolderLock(folder.path()));
+    CHECK_THROWS_AS(FolderLock(folder / "none"), IoError);
+    put(folder / "file", "");
+    CHECK_THROWS_AS(FolderLock(folder / "file"), IoError);
+    CHECK(folder.names() == Names{"file"});
+  }
+
   TEST_CASE("hash_without leaves bytes out") {
     const std::string whole = "abcdefgh";
     CHECK(hash_without(whole.data(), 8, 2, 3) == hash_bytes("abfgh", 5));

@@ -163,6 +163,20 @@ TEST_SUITE("nmp/data_gen") {
     CHECK(content(folder / "data") == content(folder / "whole"));
   }
 
+  TEST_CASE("two runs do not write the same folder (CK7)") {
+    const test::Folder folder;
+    const Scene scene = tiny_scene();
+    std::string said;
+    DataGenOptions options;
+    options.progress = [&](double) {
+      if (said.empty())
+        said = test::message<IoError>([&] { generate_dataset(scene, folder / "data"); });
+    };
+    generate_dataset(scene, folder / "data", options);
+    CHECK(contains(said, "another process is writing it"));
+    CHECK_NOTHROW(Dataset::open(folder / "data").verify());
+  }
+
   TEST_CASE("a folder of another scene is refused, and replaced by force") {
     const test::Folder folder;
     Scene scene = tiny_scene();
