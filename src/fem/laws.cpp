@@ -12,8 +12,20 @@ std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material& material) {
   return std::make_unique<NeoHookean<Real>>(material.E, material.nu);
 }
 
-#define NMP_INSTANTIATE(Real) \
-  template std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material&);
+template <class Real>
+void energy_density(const Material& material, const ConstView<Real>& F, View<Real> Psi) {
+  check(material);
+  const Lame constants = lame(material.E, material.nu);
+  const auto mu = static_cast<Real>(constants.mu), lambda = static_cast<Real>(constants.lambda);
+  if (material.law == "stvk")
+    stvk_energy<Real>(F, mu, lambda, Psi);
+  else
+    neo_hookean_energy<Real>(F, mu, lambda, Psi);
+}
+
+#define NMP_INSTANTIATE(Real)                                                \
+  template std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material&); \
+  template void energy_density<Real>(const Material&, const ConstView<Real>&, View<Real>);
 
 #include "autodiff/instantiate.h"
 

@@ -12,4 +12,9 @@ namespace nmp::fem {
 template <class Real>
 std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material& material);
 
+/// Strain energy density of that law.   F #T x 9 [-]  ->  Psi #T x 1 [J/m3]
+/// @throws std::invalid_argument  naming the known laws; NumericalError  where it is not defined
+template <class Real>
+void energy_density(const Material& material, const ConstView<Real>& F, View<Real> Psi);
+
 }  // namespace nmp::fem

@@ -6,6 +6,7 @@
 #include "fem/deformation_gradient.h"
 #include "fem/internal_force.h"
 #include "fem/isotropic_parameters.h"
+#include "fem/laws.h"
 #include "fem/neo_hookean.h"
 #include "fem/semi_implicit_euler.h"
 #include "fem/step.h"
@@ -67,10 +68,7 @@ template <class Real>
 typename Simulator<Real>::Energy Simulator<Real>::energy(const State<Real>& state) {
   deformation_gradient<Real>(mesh_, state.x, F_);
   Matrix<Real> Psi(mesh_.n_tets(), 1);
-  if (physics_.material.law == "stvk")
-    stvk_energy<Real>(F_, mu_, lambda_, Psi);
-  else
-    neo_hookean_energy<Real>(F_, mu_, lambda_, Psi);
+  energy_density<Real>(physics_.material, F_, Psi);
   Energy energy{0, 0, 0};
   for (Index e = 0; e < mesh_.n_tets(); ++e)
     energy.elastic += static_cast<double>(mesh_.volumes()(e, 0)) * static_cast<double>(Psi(e, 0));
