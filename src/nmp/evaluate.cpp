@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "fem/deformation_gradient.h"
 #include "fem/laws.h"
 #include "fem/semi_implicit_euler.h"
 #include "nmp/config.h"
@@ -87,21 +86,6 @@ class Bench {
       if (x.col(2).minCoeff() <= height) return t;
     }
     return truth.frames() + 1;
-  }
-
-  // Pooled relative error of the stress net's forces along the truth.
-  void add_force_error(const Trajectory& truth, Index n_frames, RelativeError& error) const {
-    constexpr Index kStride = 10;
-    ad::Tape<float> tape(ad::Tape<float>::Mode::inference);
-    Matrix<float> x(mesh_.n_vertices(), 3);
-    Matrix<double> f_true(mesh_.n_vertices(), 3);
-    for (Index t = 0; t <= n_frames; t += kStride) {
-      tape.clear();
-      truth.read_x<float>(t, x);
-      truth.read_force<double>(t, f_true);
-      const auto f = model_.stress.internal_force(mesh_f_, tape.constant(x)).value();
-      error.add(f.cast<double>(), f_true);
-    }
   }
 
  private:
@@ -231,13 +215,14 @@ Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateO
 
   std::vector<std::vector<double>> displacement;
   std::vector<Index> touch;
-  RelativeError force_error;
+  std::vector<const Trajectory*> chosen;
   for (std::size_t i = 0; i < n; ++i) {
+    chosen.push_back(&all[i]);
     displacement.push_back(displacements(all[i], options.horizons));
     touch.push_back(bench.first_touch(all[i]));
-    if (all[i].has_force()) bench.add_force_error(all[i], longest, force_error);
   }
-  result.force_error = force_error.value();
+  result.modules = module_errors(model, dataset, chosen, longest);
+  result.force_error = result.modules.stress.relative;
 
   Index done = 0;
   for (const std::string& method : methods) {
@@ -289,8 +274,41 @@ std::optional<double> paper_rmse(const std::string& scene, Index frame) {
   return value == row->second.end() ? std::nullopt : std::optional<double>(value->second);
 }
 
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json describe(const ModuleErrors::Value& value) {
+  return {{"relative", value.relative},
+          {"rms", value.rms},
+          {"reference", value.reference ? Json(*value.reference) : Json()}};
+}
+
+// Null where a number is not finite.
+Json describe(const ModuleErrors& modules) {
+  Json json{{"stride", ModuleErrors::kStride},
+            {"stress", describe(modules.stress)},
+            {"integrator", Json::object()},
+            {"trajectories", Json::array()}};
+  for (const ModuleErrors::Window& window : modules.windows)
+    json["integrator"][std::to_string(window.n)] = describe(window.error);
+  for (const ModuleErrors::Curves& curves : modules.trajectories) {
+    Json row{{"name", curves.trajectory},
+             {"frame", curves.frame},
+             {"touching", curves.touching},
+             {"stress", {{"relative", curves.stress}, {"reference", curves.stress_reference}}},
+             {"integrator", Json::object()}};
+    for (std::size_t w = 0; w < curves.windows.size(); ++w)
+      row["integrator"][std::to_string(modules.windows[w].n)] = {
+          {"relative", curves.windows[w].relative}, {"reference", curves.windows[w].reference}};
+    json["trajectories"].push_back(row);
+  }
+  return json;
+}
+
+}  // namespace
+
 std::string to_json(const Evaluation& evaluation) {
-  using Json = nlohmann::ordered_json;
   Json json;
   json["scene"] = evaluation.scene;
   json["model"] = evaluation.model;
@@ -299,6 +317,7 @@ std::string to_json(const Evaluation& evaluation) {
   json["trajectories"] = evaluation.n_trajectories;
   json["frames"] = evaluation.frames;
   json["force_error"] = evaluation.force_error;
+  json["modules"] = describe(evaluation.modules);
   const auto neural = evaluation.methods.find("neural");
   json["diverged"] = neural == evaluation.methods.end() ? 0 : neural->second.diverged;
   json["methods"] = Json::object();
@@ -360,6 +379,14 @@ std::string to_table(const Evaluation& evaluation) {
   out << "\n";
   out << "relative error of the stress net's forces along the truth: "
       << number(100 * evaluation.force_error) << " %\n";
+  for (const ModuleErrors::Window& window : evaluation.modules.windows) {
+    out << "relative error of the integrator's velocity change along the truth, over " << window.n
+        << (window.n == 1 ? " frame: " : " frames: ") << number(100 * window.error.relative)
+        << " %";
+    if (window.error.reference)
+      out << " (the true integrator: " << number(100 * *window.error.reference) << " %)";
+    out << "\n";
+  }
   return out.str();
 }
 

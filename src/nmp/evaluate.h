@@ -9,6 +9,7 @@
 #include "nmp/dataset.h"
 #include "nmp/metrics.h"
 #include "nmp/model.h"
+#include "nmp/module_errors.h"
 
 namespace nmp {
 
@@ -42,7 +43,9 @@ struct Evaluation {
   std::string scene, model, dataset, split;
   Index n_trajectories = 0, frames = 0;
   std::map<std::string, MethodResult> methods;
-  double force_error = 0;  // of the stress net along the truth (RelativeError), every 10th frame
+  /// Of the stress net along the truth, every 10th frame: modules.stress.relative.
+  double force_error = 0;
+  ModuleErrors modules;  // of both modules along the truth; empty if no force was recorded
 };
 
 /// Methods: "neural" (both modules of the model), "neural_law" (with semi-implicit Euler),

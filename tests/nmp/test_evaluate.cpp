@@ -243,6 +243,16 @@ TEST_SUITE("nmp/evaluate") {
     CHECK(json.at("trajectories") == 3);
     CHECK(json.at("frames") == 60);
     CHECK(json.at("force_error") == result.force_error);
+    const Json& modules = json.at("modules");
+    CHECK(modules.at("stress").at("relative") == result.force_error);
+    CHECK(modules.at("integrator").at("20").at("relative") ==
+          result.modules.windows[1].error.relative);
+    CHECK(modules.at("integrator").at("1").at("reference").is_number());
+    REQUIRE(modules.at("trajectories").size() == 3);
+    CHECK(modules.at("trajectories")[0].at("stress").at("relative").size() == 7);
+    CHECK(modules.at("trajectories")[0].at("integrator").at("20").at("relative").size() == 7);
+    CHECK(modules.at("trajectories")[0].at("integrator").at("20").at("relative")[6].is_null());
+    CHECK(contains(to_table(result), "velocity change along the truth, over 20 frames"));
     CHECK(json.at("diverged") == result.methods.at("neural").diverged);
     CHECK(json.contains("model"));
     CHECK(json.contains("dataset"));
