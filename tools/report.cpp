@@ -1,8 +1,10 @@
-// nmp report: one HTML file with a model's errors, curves, training and settings.
+// nmp report: one HTML file with a model's errors, curves, a 3D player, training and settings.
 //   nmp report --model cube.safetensors --data data/cube -o report.html
 //   nmp eval --model cube.safetensors --data data/cube --json > eval.json
 //   nmp report --model cube.safetensors --data data/cube --eval eval.json -o report.html
+//   nmp report --model cube.safetensors --data data/cube --trajectories 1 --no-player -o small.html
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -21,11 +23,13 @@ struct Options {
   std::vector<std::string> evals;  // documents of nmp eval --json; empty: it is run here
   std::string metrics;             // of nmp train; empty: those beside the model, if there are any
   std::string title;               // empty: "nmp: SCENE"
+  Index trajectories = 2;          // validation trajectories shown in detail, at most
+  bool no_player = false;          // their curves only
+  double player_megabytes = 12;    // of the whole page, 1e6 bytes each
   common::Flags flags;
 };
 
-std::string evaluate_here(const Options& o, const Dataset& dataset) {
-  Model<float> model = load_model<float>(o.model);
+std::string evaluate_here(const Options& o, Model<float>& model, const Dataset& dataset) {
   common::Progress progress("eval");
   EvaluateOptions options;
   options.horizons = common::default_horizons(dataset.manifest().frames);
@@ -36,6 +40,35 @@ std::string evaluate_here(const Options& o, const Dataset& dataset) {
   Evaluation evaluation = evaluate(model, dataset, options);
   evaluation.model = o.model;
   return to_json(evaluation);
+}
+
+// Rolls the first validation trajectories out and packs as many frames of them as the page holds.
+void play_back_here(const Options& o, const Model<float>& model, const Dataset& dataset,
+                    ReportInput& input) {
+  const std::vector<Trajectory>& all = dataset.validation();
+  const auto n = std::min(static_cast<std::size_t>(o.trajectories), all.size());
+  if (n == 0) return;
+  const bool player = !o.no_player;
+  const PlayerBody body = player ? player_body(dataset) : PlayerBody();
+  Index stride = 1;
+  if (player) {
+    constexpr double kCurves = 8e4, kScript = 5e4;  // bytes of a trajectory's curves, of the player
+    const double rest =
+        static_cast<double>(make_report(input).size()) + static_cast<double>(n) * kCurves + kScript;
+    stride = player_stride(body.surface, static_cast<Index>(n), dataset.manifest().frames,
+                           1e6 * o.player_megabytes - rest);
+  }
+  common::Progress progress("rollout");
+  std::vector<PlayerTrack> tracks;
+  for (std::size_t i = 0; i < n; ++i) {
+    input.playbacks.push_back(
+        play_back(model, dataset, all[i], player ? &body : nullptr, stride, [&](double part) {
+          common::stop_if_requested();
+          progress.update((static_cast<double>(i) + part) / static_cast<double>(n), all[i].name());
+        }));
+    tracks.push_back(input.playbacks.back().track);
+  }
+  if (player) input.player = player_document(body, tracks);
 }
 
 // The numbers again, from the two configurations that the report shows.
@@ -58,7 +91,8 @@ void run(const Options& o) {
   ReportInput input;
   input.title = o.title.empty() ? "nmp: " + dataset.manifest().scene_name : o.title;
   input.scene_toml = dataset.manifest().scene_toml;
-  input.config_toml = load_model<float>(o.model).info.config;
+  Model<float> model = load_model<float>(o.model);
+  input.config_toml = model.info.config;
   input.commands = commands(dataset.manifest());
   const Path beside = Path(o.model).replace_extension(".metrics.jsonl");
   if (!o.metrics.empty()) {
@@ -69,7 +103,9 @@ void run(const Options& o) {
     common::note("no metrics: " + beside.string() + " does not exist, --metrics names another");
   }
   for (const std::string& file : o.evals) input.evaluations.push_back(read_text(file, kLimit));
-  if (o.evals.empty()) input.evaluations.push_back(evaluate_here(o, dataset));
+  if (o.evals.empty()) input.evaluations.push_back(evaluate_here(o, model, dataset));
+  make_report(input);  // refuses what it cannot show before anything is rolled out
+  play_back_here(o, model, dataset, input);
 
   const std::string html = make_report(input);
   write_text(o.out, html);
@@ -81,8 +117,9 @@ void run(const Options& o) {
 
 void add_report(CLI::App& app) {
   CLI::App& report = common::add_command(
-      app, "report", "Write one HTML file with errors, curves, training and settings",
-      "The page needs no network. Without --eval the model is evaluated now.",
+      app, "report", "Write one HTML file with errors, curves, a 3D player, training and settings",
+      "The page needs no network. Without --eval the model is evaluated now. The first validation\n"
+      "trajectories are rolled out for the player and for the curves of det F and energy.",
       {"nmp report --model cube.safetensors --data data/cube -o report.html",
        "nmp report --model cube.safetensors --data data/cube --eval eval.json -o report.html"});
   const auto o = std::make_shared<Options>();
@@ -99,6 +136,17 @@ void add_report(CLI::App& app) {
                   "Metrics of nmp train (default: MODEL.metrics.jsonl, if it exists)")
       ->type_name("FILE");
   report.add_option("--title", o->title, "Title of the page");
+  report
+      .add_option("--trajectories", o->trajectories,
+                  "Validation trajectories to show in detail, at most (default: 2)")
+      ->type_name("N")
+      ->check(CLI::Range(Index{0}, Index{1000}));
+  report.add_flag("--no-player", o->no_player, "Leave the 3D player out");
+  report
+      .add_option("--player-megabytes", o->player_megabytes,
+                  "Size of the page up to which the player takes frames (default: 12)")
+      ->type_name("MB")
+      ->check(CLI::Range(0.1, 1000.0));
   common::add_force(report, o->flags);
   common::add_threads(report);
   common::add_json(report, o->flags);

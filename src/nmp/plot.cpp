@@ -49,6 +49,7 @@ bool drawable(double y) { return std::isfinite(y) && y > 0; }
 std::string stroke_of(const Stroke& stroke) {
   std::string text = "stroke=\"var(--c" + std::to_string(stroke.colour) + ")\" stroke-width=\"" +
                      general(stroke.width, 3) + "\"";
+  if (stroke.opacity < 1) text += " stroke-opacity=\"" + general(stroke.opacity, 2) + "\"";
   if (!stroke.dash.empty()) text += " stroke-dasharray=\"" + stroke.dash + "\"";
   return text;
 }
@@ -91,6 +92,16 @@ Range log_range(Range values) {
   return {logs.low - air, logs.high + air};
 }
 
+// The same with a little air; 0 belongs to it if it is near.
+Range linear_range(Range values) {
+  if (values.empty()) return {0, 1};
+  const double extent = values.high - values.low;
+  const double air = extent > 0 ? 0.05 * extent : std::max(1e-3, 0.05 * std::abs(values.high));
+  Range range{values.low - air, values.high + air};
+  if (values.low >= 0 && values.low < 0.25 * extent) range.low = 0;
+  return range;
+}
+
 struct Tick {
   double at;
   std::string label;
@@ -130,14 +141,22 @@ std::string open_svg(const std::string& name, double width, double height,
          escape_html(name) + "\" " + data + ">";
 }
 
+// The y axis: of values, or of their logarithms.
+struct Heights {
+  Axis axis;
+  bool logarithmic;
+  bool drawable(double y) const { return std::isfinite(y) && (y > 0 || !logarithmic); }
+  double operator()(double y) const { return axis(logarithmic ? std::log10(y) : y); }
+};
+
 // The points of a curve as path data, with gaps.
 std::string path(const std::vector<double>& x, const std::vector<double>& y, const Axis& to_x,
-                 const Axis& to_y) {
+                 const Heights& to_y) {
   std::string d;
   bool pen_down = false;
   for (std::size_t i = 0; i < std::min(x.size(), y.size()); ++i) {
-    if (drawable(y[i])) {
-      d += (pen_down ? "L" : "M") + px(to_x(x[i])) + " " + px(to_y(std::log10(y[i])));
+    if (to_y.drawable(y[i])) {
+      d += (pen_down ? "L" : "M") + px(to_x(x[i])) + " " + px(to_y(y[i]));
       pen_down = true;
     } else {
       pen_down = false;
@@ -147,15 +166,15 @@ std::string path(const std::vector<double>& x, const std::vector<double>& y, con
 }
 
 // The area between two curves, as one polygon; what is below the axis is cut off by the clip path.
-std::string band(const Curve& curve, const Axis& to_x, const Axis& to_y) {
+std::string band(const Curve& curve, const Axis& to_x, const Heights& to_y) {
   std::string d;
   const std::size_t n = std::min({curve.x.size(), curve.low.size(), curve.high.size()});
-  const auto height = [&](double y) { return px(drawable(y) ? to_y(std::log10(y)) : to_y.begin); };
+  const auto height = [&](double y) { return px(to_y.drawable(y) ? to_y(y) : to_y.axis.begin); };
   for (std::size_t i = 0; i < n; ++i)
-    if (drawable(curve.high[i]))
+    if (to_y.drawable(curve.high[i]))
       d += (d.empty() ? "M" : "L") + px(to_x(curve.x[i])) + " " + height(curve.high[i]);
   for (std::size_t i = n; i-- > 0;)
-    if (drawable(curve.high[i])) d += "L" + px(to_x(curve.x[i])) + " " + height(curve.low[i]);
+    if (to_y.drawable(curve.high[i])) d += "L" + px(to_x(curve.x[i])) + " " + height(curve.low[i]);
   return d + "Z";
 }
 
@@ -240,13 +259,15 @@ std::string draw(const LinePlot& plot) {
   const double settled = x_range.low + 0.01 * (x_range.high - x_range.low);
   for (const Curve& curve : plot.curves)
     for (std::size_t i = 0; i < std::min(curve.x.size(), curve.y.size()); ++i)
-      if (curve.x[i] >= settled && drawable(curve.y[i])) y_values.add(curve.y[i]);
-  const Range y_range = log_range(y_values);
+      if ((curve.x[i] >= settled || !plot.log_y) && std::isfinite(curve.y[i]) &&
+          (curve.y[i] > 0 || !plot.log_y))
+        y_values.add(curve.y[i]);
+  const Range y_range = plot.log_y ? log_range(y_values) : linear_range(y_values);
 
   const double left = 62, right = plot.width - (plot.labels ? 190 : 20);
   const double top = 16, bottom = plot.height - 44;
   const Axis to_x{x_range.low, x_range.high, left, right};
-  const Axis to_y{y_range.low, y_range.high, bottom, top};
+  const Heights to_y{{y_range.low, y_range.high, bottom, top}, plot.log_y};
 
   // 2. Frame, grid, ticks.
   std::string svg =
@@ -254,9 +275,11 @@ std::string draw(const LinePlot& plot) {
                "data-left=\"" + px(left) + "\" data-right=\"" + px(right) + "\" data-top=\"" +
                    px(top) + "\" data-bottom=\"" + px(bottom) + "\" data-from=\"" +
                    general(x_range.low, 9) + "\" data-to=\"" + general(x_range.high, 9) + "\"");
-  for (const Tick& tick : log_ticks(y_range)) {
-    svg += line(left, to_y(tick.at), right, to_y(tick.at), "class=\"grid\"");
-    svg += label(left - 8, to_y(tick.at) + 4, "end", tick.label);
+  for (const Tick& tick :
+       plot.log_y ? log_ticks(y_range) : linear_ticks(y_range.low, y_range.high, 6)) {
+    const double y = to_y.axis(tick.at);
+    svg += line(left, y, right, y, "class=\"grid\"");
+    svg += label(left - 8, y + 4, "end", tick.label);
   }
   for (const Tick& tick : linear_ticks(x_range.low, x_range.high, plot.width < 500 ? 4 : 8)) {
     svg += line(to_x(tick.at), bottom, to_x(tick.at), bottom + 5, "class=\"axis\"");
@@ -279,7 +302,8 @@ std::string draw(const LinePlot& plot) {
          px(right - left) + " " + px(bottom - top) + "\" overflow=\"hidden\">";
   if (!plot.background.empty() && !plot.curves.empty()) {
     const double peak = *std::max_element(plot.background.begin(), plot.background.end());
-    const Axis to_height{0, peak > 0 ? peak * 1.25 : 1, bottom, top};
+    const double full = plot.background_peak > 0 ? plot.background_peak : 1.25 * peak;
+    const Axis to_height{0, full > 0 ? full : 1, bottom, top};
     const auto& x = plot.curves.front().x;
     const std::size_t n = std::min(x.size(), plot.background.size());
     std::string d = "M" + px(to_x(x.front())) + " " + px(bottom);
@@ -305,9 +329,10 @@ std::string draw(const LinePlot& plot) {
   if (plot.labels) {
     std::vector<EndLabel> labels;
     for (const Curve& curve : plot.curves) {
-      const auto last = std::find_if(curve.y.rbegin(), curve.y.rend(), drawable);
+      const auto last = std::find_if(curve.y.rbegin(), curve.y.rend(),
+                                     [&](double y) { return to_y.drawable(y); });
       if (last == curve.y.rend()) continue;
-      const double at = std::clamp(to_y(std::log10(*last)), top, bottom);
+      const double at = std::clamp(to_y(*last), top, bottom);
       labels.push_back({at, at, &curve});
     }
     spread(labels, 16, top + 4, bottom - 2);

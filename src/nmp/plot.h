@@ -17,6 +17,7 @@ struct Stroke {
   int colour = 0;    // --c0 ... --c7
   std::string dash;  // as stroke-dasharray; empty: solid
   double width = 1.6;
+  double opacity = 1;
 };
 
 /// Points that are not finite, or not positive on a logarithmic axis, are gaps.
@@ -27,14 +28,15 @@ struct Curve {
   std::vector<double> low, high;  // a band around y; empty: none
 };
 
-/// Curves over one x axis as inline SVG; y is logarithmic. Curves are named at their ends if there
-/// is room for it.
+/// Curves over one x axis as inline SVG. Curves are named at their ends if there is room for it.
 struct LinePlot {
   std::string name;  // for people who cannot see it
   std::string x_label, y_label;
+  bool log_y = true;
   std::vector<Curve> curves;
   std::vector<double> marks;       // vertical lines
   std::vector<double> background;  // over the first curve's x: a faint area on its own linear axis
+  double background_peak = 0;      // top of that axis; 0: a little above the largest value
   double width = 860, height = 420;
   bool labels = true;
 };

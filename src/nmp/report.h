@@ -3,19 +3,24 @@
 #include <string>
 #include <vector>
 
+#include "nmp/playback.h"
+
 namespace nmp {
 
-/// What a report shows, as text: each part is the output of another command.
+/// What a report shows. Text is the output of another command.
 struct ReportInput {
   std::string title;
   std::vector<std::string> evaluations;  // documents of `nmp eval --json`
+  std::vector<Playback> playbacks;       // of validation trajectories, for det F and energies
+  std::string player;                    // player_document of their tracks; empty: no player
   std::string metrics;                   // JSON lines of `nmp train`; may be empty
   std::string scene_toml, config_toml;   // settings; may be empty
   std::string commands;                  // how to make it again; may be empty
 };
 
 /// One HTML file that opens without a network: table of errors, RMSE over time of every method and
-/// reference row, training curves, what the stages did, settings. Plots are inline SVG.
+/// reference row, a 3D player of truth and prediction, errors of each module by itself, det F and
+/// energies over time, training curves, what the stages did, settings. Plots are inline SVG.
 /// @throws InputError  if a part is not what its command writes
 std::string make_report(const ReportInput& input);
 

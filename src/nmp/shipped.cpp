@@ -27,6 +27,10 @@ const char* find_shipped_config(const std::string& name) {
   return find(kShippedConfigs, kShippedConfigCount, name);
 }
 
+const char* find_page_file(const std::string& name) {
+  return find(kPageFiles, kPageFileCount, name);
+}
+
 std::vector<std::string> shipped_scene_names() { return names(kShippedScenes, kShippedSceneCount); }
 
 std::vector<std::string> shipped_config_names() {

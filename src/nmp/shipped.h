@@ -6,23 +6,29 @@
 
 namespace nmp {
 
-/// A text file built into the library; `name` is its file name without the extension.
+/// A text file built into the library; `name` is its file name, of scenes and configurations
+/// without the extension.
 struct ShippedFile {
   const char* name;
   const char* text;
 };
 
-/// The TOML scenes of scenes/ and training configurations of models/, in alphabetical order. The
-/// build writes these tables (cmake/embed.cmake).
+/// The TOML scenes of scenes/, training configurations of models/ and the styles and scripts of a
+/// report's page, src/nmp/page/, in alphabetical order. The build writes these tables
+/// (cmake/embed.cmake).
 extern const ShippedFile kShippedScenes[];
 extern const std::size_t kShippedSceneCount;
 extern const ShippedFile kShippedConfigs[];
 extern const std::size_t kShippedConfigCount;
+extern const ShippedFile kPageFiles[];
+extern const std::size_t kPageFileCount;
 
 /// Text of scenes/<name>.toml, or nullptr if no scene of that name ships.
 const char* find_shipped_scene(const std::string& name);
 /// Text of models/<name>.toml, or nullptr if no configuration of that name ships.
 const char* find_shipped_config(const std::string& name);
+/// Text of src/nmp/page/<name>, or nullptr if there is none.
+const char* find_page_file(const std::string& name);
 
 /// The names that find_shipped_scene knows, in alphabetical order.
 std::vector<std::string> shipped_scene_names();

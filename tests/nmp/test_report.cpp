@@ -50,6 +50,57 @@ Evaluation evaluation(double neural, double zeroed) {
   return e;
 }
 
+// Errors of the modules along two trajectories.
+ModuleErrors modules() {
+  ModuleErrors m;
+  m.stress = {0.0123, 2.5, 4e-5};
+  m.windows = {{1, {0.0345, 1e-3, 0.0333}}, {20, {0.0067, 4e-3, std::nullopt}}};
+  for (const char* name : {"val/000.safetensors", "val/<b>.safetensors"}) {
+    ModuleErrors::Curves c;
+    c.trajectory = name;
+    c.frame = {0, 10, 20};
+    c.touching = {0, 0.25, 0.5};
+    c.stress = {std::nan(""), 0.1, 0.2};
+    c.stress_reference = {std::nan(""), 1e-4, 1e-4};
+    c.windows = {{{0.1, 0.1, 0.1}, {0.1, 0.1, 0.1}}, {{0.01, 0.01, std::nan("")}, {}}};
+    m.trajectories.push_back(c);
+  }
+  return m;
+}
+
+// Two frames of a tet that is squeezed a little.
+Playback playback(const std::string& name) {
+  Playback p;
+  p.trajectory = name;
+  p.h = 5e-4;
+  p.rmse = {0, 1e-3};
+  p.touching = {0, 0.5};
+  StateMeasures state;
+  state.kinetic = 12;
+  state.total = 80;
+  p.truth = p.prediction = {state, state};
+  p.truth[1].det_min = 0.8765;
+  p.truth[1].total = 66;
+  p.track.name = name;
+  p.track.rmse = p.rmse;
+  for (Index t = 0; t < 2; ++t) {
+    PlayerFrame frame;
+    frame.t = t;
+    frame.x = frame.x_true = Matrix<double>::Identity(4, 3) * (1 - 0.1 * static_cast<double>(t));
+    frame.det = frame.det_true = frame.speed = frame.speed_true = Matrix<double>::Ones(4, 1);
+    p.track.frames.push_back(frame);
+  }
+  return p;
+}
+
+PlayerBody tet() {
+  fem::Tets tets(1, 4);
+  tets << 0, 1, 2, 3;
+  PlayerBody body;
+  body.surface = fem::extract_surface(tets);
+  return body;
+}
+
 const char* const kMetrics =
     R"({"event":"step","stage":"constitutive","iteration":0,"iterations":2,"loss":1.5,"lr":0.003,"grad_norm":1,"seconds":0.1}
 {"event":"step","stage":"constitutive","iteration":1,"iterations":2,"loss":0.5,"lr":0.0,"grad_norm":1,"seconds":0.2}
@@ -88,6 +139,56 @@ TEST_SUITE("nmp/report") {
     CHECK(contains(html, "2<small>of 3</small>"));
     CHECK(contains(html, "1/α = 1000 kg/m³"));
     CHECK(count(html, "<figure") == 3);
+  }
+
+  TEST_CASE("shows the modules' errors with what true modules leave") {
+    Evaluation e = evaluation(6e-4, 9e-4);
+    CHECK_FALSE(contains(report(e), "The modules by themselves"));
+    e.modules = modules();
+    const std::string html = report(e);
+    CHECK(contains(html, "The modules by themselves"));
+    CHECK(contains(html, "change of velocity over 20 frames"));
+    CHECK(contains(html, "3.33 %"));
+    CHECK(contains(html, "2.50 N"));
+    CHECK(count(html, "error of the stress net&#39;s forces") +
+              count(html, "error of the stress net's forces") >=
+          2);
+    CHECK_FALSE(contains(html, "val/<b>"));
+    CHECK_FALSE(contains(html, "nan"));
+    e.modules.trajectories.push_back(e.modules.trajectories[0]);
+    CHECK(contains(report(e), "<summary>1 more"));
+  }
+
+  TEST_CASE("shows det F, energies and the player of what was played back") {
+    ReportInput input;
+    input.evaluations = {to_json(evaluation(6e-4, 9e-4))};
+    const std::string without = make_report(input);
+    input.playbacks = {playback("val/000.safetensors"), playback("</script><img>")};
+    std::string html = make_report(input);
+    CHECK(contains(html, "Volume and energy"));
+    CHECK(contains(html, "0.876"));
+    CHECK(contains(html, "14.0 J"));
+    CHECK_FALSE(contains(html, "</script><img>"));
+    CHECK_FALSE(contains(html, "data-player>"));
+    CHECK_FALSE(contains(html, "webgl2"));
+
+    input.player = player_document(tet(), {input.playbacks[0].track, input.playbacks[1].track});
+    html = make_report(input);
+    CHECK(count(html, "data-player>") == 1);
+    CHECK(contains(html, "getContext('webgl2'"));
+    CHECK(contains(html, "Every one of the 1 frames is stored"));
+    CHECK_FALSE(contains(html, "</script><img>"));
+    for (const char* from_outside : {"src=", "href=", "url(", "@import", "fetch("})
+      CHECK_FALSE(contains(html, from_outside));
+
+    Playback& diverged = input.playbacks[1];
+    diverged.law_known = false;
+    diverged.prediction.clear();
+    diverged.end = {0, true, "after frame 0: <b>bang</b>"};
+    html = make_report(input);
+    CHECK(contains(html, "after frame 0: &lt;b&gt;bang"));
+    CHECK(contains(html, "the law of the data is not known"));
+    CHECK_FALSE(contains(html, "nan"));
   }
 
   TEST_CASE("opens without a network and lets no text become markup") {
@@ -148,6 +249,15 @@ TEST_SUITE("nmp/report") {
     short_curve.methods["rest"].curve.pop_back();
     input.evaluations = {to_json(short_curve)};
     CHECK(contains(refusal(input), "the curves of rest have 500"));
+    Evaluation bad_modules = evaluation(6e-4, 9e-4);
+    bad_modules.modules = modules();
+    bad_modules.modules.trajectories[1].stress.pop_back();
+    input.evaluations = {to_json(bad_modules)};
+    CHECK(contains(refusal(input), "evaluation 1: a module's curve has 2 and 3 points"));
+    bad_modules.modules = modules();
+    bad_modules.modules.trajectories[1].touching.clear();
+    input.evaluations = {to_json(bad_modules)};
+    CHECK(contains(refusal(input), "3 frames and 0 parts"));
 
     input.evaluations.clear();
     for (const char* bad : {"{", "{\"event\": \"step\"}", "{\"event\": \"lunch\"}", "7",
@@ -180,6 +290,11 @@ TEST_SUITE("nmp/plot") {
     const std::string svg = draw(plot);
     CHECK(count(svg, "M") == 2);  // two pieces
     CHECK_FALSE(contains(svg, "nan"));
+    plot.log_y = false;  // zero is as good as any value
+    curve.y = {-1, 0, std::nan(""), 2, 1};
+    const std::string linear = draw(plot);
+    CHECK(count(linear, "M") == 2);
+    CHECK(count(linear, "L") == 2);
     plot.curves.clear();
     CHECK(contains(draw(plot), "</svg>"));
   }

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "nmp/playback.h"
+#include "nmp/report_parts.h"
+
+/// The sections of a report, each as HTML, empty where there is nothing to show.
+namespace nmp::report {
+
+/// What the errors mean, in words and a few numbers.
+std::string headline_section(const Result& result, bool name_model);
+/// Truth and prediction in three dimensions.
+/// @param player  player_document, or empty
+std::string player_section(const std::vector<Playback>& playbacks, const std::string& player);
+/// Table of every method, its error over time, each trajectory.
+std::string errors_section(const Result& result, bool name_model);
+/// What each module does by itself along the record.
+std::string modules_section(const Result& result, bool name_model);
+/// det F and energies over time of truth and prediction.
+std::string states_section(const std::vector<Playback>& playbacks);
+std::string training_section(const Training& training);
+
+}  // namespace nmp::report
