@@ -104,7 +104,7 @@
     if (v >= 1e-7) return (1e6 * v).toPrecision(3) + ' \u00b5m';
     return (1e9 * v).toPrecision(3) + ' nm';
   }
-  function plain(v) { return String(+v.toPrecision(3)); }
+  function plain(v) { return String(+v.toPrecision(4)); }
   function bytes_of(base64) {
     var text = atob(base64), bytes = new Uint8Array(text.length);
     for (var i = 0; i < text.length; ++i) bytes[i] = text.charCodeAt(i);
@@ -236,6 +236,7 @@
       message.hidden = false;
       [time, numbers, settings, name1, name2, view.querySelector('.player-split'), grid_label].forEach(function (e) { e.hidden = true; });
       canvas.hidden = true;
+      view.classList.add('empty');
     }
 
     // 2. WebGL.
@@ -408,7 +409,8 @@
         attributes(at.k, at.next, predicted);
         if (doc.ground !== null) draw_shadow(common);
         draw_body(common, predicted || state.channel !== 0);
-        if (state.edges && !state.overlay) draw_plain(common, gl.LINES, gpu.edges, theme.edge, 0.22, 2e-4);
+        if (state.edges && !state.overlay)  // the map of det F is bright in the middle, in the dark too
+          draw_plain(common, gl.LINES, gpu.edges, state.channel === 1 ? [0, 0, 0] : theme.edge, 0.22, 2e-4);
         if (gpu.pinned.count) draw_plain(common, gl.POINTS, gpu.pinned, theme.pin, 1, 6e-4);
         if (state.overlay) {  // the record as a net over the prediction
           attributes(at.k, at.next, false);
