@@ -16,13 +16,22 @@ using Json = nlohmann::ordered_json;
 // Bytes of a document besides its frames: names, RMSE, scales, and per frame its number and RMSE.
 constexpr double kOverhead = 4000, kOverheadPerFrame = 24;
 
-// 1, 2 or 5 times a power of ten, at least `value`.
-double round_up(double value) {
-  if (!(value > 0) || !std::isfinite(value)) return 1;
+// 1, 2 or 5 times a power of ten, at least `value`; `none` for 0.
+double round_up(double value, double none = 1) {
+  if (!(value > 0) || !std::isfinite(value)) return none;
   const double power = std::pow(10, std::floor(std::log10(value)));
   for (const double m : {1.0, 2.0, 5.0})
     if (m * power >= value * (1 - 1e-9)) return m * power;
   return 10 * power;
+}
+
+// The value that 99.5 % of the values do not exceed; 0 if there are none.
+double most_of(std::vector<double>& values) {
+  if (values.empty()) return 0;
+  const auto place =
+      values.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), place, values.end());
+  return *place;
 }
 
 void add_u16(std::vector<std::uint8_t>& bytes, std::uint16_t value) {
@@ -98,28 +107,24 @@ std::uint16_t encode_coordinate(double x, double low, double size) {
 }
 
 PlayerScales player_scales(const std::vector<PlayerTrack>& tracks) {
-  double error = 0, speed = 0;
-  std::vector<double> det;  // |det F - 1|
+  double error = 0;
+  std::vector<double> det, speed;  // |det F - 1| and |v| of the record
   for (const PlayerTrack& track : tracks) {
     for (const PlayerFrame& frame : track.frames) {
       error =
           std::max(error, std::sqrt((frame.x - frame.x_true).rowwise().squaredNorm().maxCoeff()));
-      for (Index i = 0; i < frame.det_true.rows(); ++i)
+      for (Index i = 0; i < frame.det_true.rows(); ++i) {
         det.push_back(std::abs(frame.det_true(i, 0) - 1));
-      speed = std::max(speed, frame.speed_true.maxCoeff());
+        speed.push_back(frame.speed_true(i, 0));
+      }
     }
   }
   PlayerScales scales;
   const double top = error > 0 ? round_up(error) : 1e-6;
   scales.error = {1e-4 * top, top, true};
-  double far = 0.01;
-  if (!det.empty()) {
-    const auto place = det.begin() + static_cast<std::ptrdiff_t>(0.995 * (det.size() - 1));
-    std::nth_element(det.begin(), place, det.end());
-    if (*place > far) far = round_up(*place);
-  }
+  const double far = std::max(0.01, round_up(most_of(det), 0));
   scales.det = {1 - far, 1 + far, false};
-  scales.speed = {0, round_up(speed), false};
+  scales.speed = {0, round_up(most_of(speed)), false};
   return scales;
 }
 

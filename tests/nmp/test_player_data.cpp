@@ -140,6 +140,9 @@ TEST_SUITE("nmp/player_data") {
     CHECK(scales.det.low == doctest::Approx(0.8));
     CHECK(scales.det.high == doctest::Approx(1.2));
     CHECK(scales.speed.high == doctest::Approx(5));
+    // One vertex that is faster than all others does not dim them.
+    track.frames[0].speed_true(0, 0) = 100;
+    CHECK(player_scales({track}).speed.high == doctest::Approx(5));
     // A prediction that flies away widens the box by at most 1.5 times the record's extent.
     const PlayerBox before = player_box(track);
     track.frames[2].x(3, 0) = 1e6;

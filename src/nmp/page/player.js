@@ -221,7 +221,7 @@
     edge_box.parentNode.appendChild(document.createTextNode('edges'));
     edge_box.checked = true;
     edge_box.addEventListener('change', function () { state.edges = edge_box.checked; request(); });
-    var speed_box = make('select', make('label', settings, {}, 'speed'));
+    var speed_box = make('select', make('label', settings, {}, 'play at'));
     SPEEDS.forEach(function (s, i) { make('option', speed_box, {value: i}, s[1]); });
     speed_box.value = state.speed;
     speed_box.addEventListener('change', function () { state.speed = +speed_box.value; });
@@ -443,7 +443,8 @@
       } else {
         for (var i = 0; i <= 4; ++i) marks.push([i / 4, plain(s.low + (s.high - s.low) * i / 4)]);
       }
-      if (name === 'det') { marks[0][1] = '\u2264 ' + marks[0][1]; marks[4][1] = '\u2265 ' + marks[4][1]; }
+      if (name === 'det') marks[0][1] = '\u2264 ' + marks[0][1];
+      if (name !== 'error') marks[4][1] = '\u2265 ' + marks[4][1];
       ticks.textContent = '';
       marks.forEach(function (m) {  // those at the ends stay inside
         var shift = m[0] < 0.04 ? 0 : m[0] > 0.96 ? -100 : -50;
@@ -515,7 +516,7 @@
       var stacked = matchMedia('(max-width:640px)').matches;
       var w = view.clientWidth / (state.overlay || stacked ? 1 : 2), h = view.clientHeight / (stacked && !state.overlay ? 2 : 1);
       var half = Math.atan(Math.tan(FOV / 2) * Math.min(1, w / Math.max(1, h)));
-      var wanted = 0.82 * home.radius / Math.sin(half);
+      var wanted = 0.87 * home.radius / Math.sin(half);
       camera.distance = all || !home.distance ? wanted : camera.distance * wanted / home.distance;
       home.distance = wanted;
     }
