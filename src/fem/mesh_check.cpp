@@ -13,7 +13,7 @@ namespace nmp::fem {
 
 namespace {
 
-constexpr std::size_t kShown = 10;  // ids of a finding
+constexpr std::size_t kShown = 10;  // ids of a finding in a message
 constexpr double kFlat = 1e-12;     // as TetMesh
 constexpr double kSliver = 1e-3;
 constexpr double kSmallest = 1e-6, kLargest = 1e6;  // diagonal of a body in metres
@@ -237,13 +237,13 @@ struct Survey {
   double diagonal = 0, reach = 0;
 };
 
-MeshFindings summary(const RawMesh& mesh, const Survey& survey) {
+MeshFindings summary(const RawMesh& mesh, const Survey& survey, std::size_t n_shown) {
   MeshFindings findings;
   const auto add_marks = [&](MeshDefect defect, const Marks& marks) {
     MeshFinding finding{defect, 0, {}};
     for (std::size_t i = 0; i < marks.set.size(); ++i) {
       if (marks.set[i] == 0) continue;
-      if (++finding.count <= static_cast<Index>(kShown)) {
+      if (++finding.count <= static_cast<Index>(n_shown)) {
         finding.first.push_back(static_cast<Index>(i));
       }
     }
@@ -268,10 +268,9 @@ MeshFindings summary(const RawMesh& mesh, const Survey& survey) {
   add_marks(MeshDefect::non_manifold, survey.non_manifold);
   findings.n_parts = static_cast<Index>(survey.part_roots.size());
   if (findings.n_parts > 1) {
-    const auto n_shown = static_cast<std::ptrdiff_t>(std::min(kShown, survey.part_roots.size()));
-    findings.all.push_back({MeshDefect::parts,
-                            findings.n_parts,
-                            {survey.part_roots.begin(), survey.part_roots.begin() + n_shown}});
+    MeshFinding finding{MeshDefect::parts, findings.n_parts, survey.part_roots};
+    if (finding.first.size() > n_shown) finding.first.resize(n_shown);
+    findings.all.push_back(std::move(finding));
   }
   add_if(has_size && survey.reach > kFar * survey.diagonal, MeshDefect::far_away);
   add_if(has_size && !absurd && (survey.diagonal < kSmall || survey.diagonal > kLarge),
@@ -354,15 +353,15 @@ void check_shape(const RawMesh& mesh) {
 
 }  // namespace
 
-MeshFindings check_mesh(const RawMesh& mesh) {
+MeshFindings check_mesh(const RawMesh& mesh, std::size_t n_shown) {
   check_shape(mesh);
-  return summary(mesh, Survey(mesh));
+  return summary(mesh, Survey(mesh), n_shown);
 }
 
 RepairedMesh repair(const RawMesh& mesh, const std::string& name) {
   check_shape(mesh);
   const Survey survey(mesh);
-  const MeshFindings findings = summary(mesh, survey);
+  const MeshFindings findings = summary(mesh, survey, kShown);
   std::string refused;
   RepairedMesh result;
   for (const MeshFinding& finding : findings.all) {

@@ -32,8 +32,8 @@ enum class MeshRule { refuse, repair, warn };
 struct MeshFinding {
   MeshDefect defect;
   Index count = 0;
-  /// The first of them, from 0 in the order of the file; a part by its lowest vertex. Empty where
-  /// the defect is the mesh's.
+  /// The first of them (10 unless told otherwise), from 0 in the order of the file; a part by its
+  /// lowest vertex. Empty where the defect is the mesh's.
   std::vector<Index> first;
 };
 
@@ -54,9 +54,10 @@ struct MeshFindings {
   bool refused() const;
 };
 
-/// Looks for every defect. Time n log n. Defects of shape are looked for in tets with four corners
-/// that exist; faces and parts are those of the mesh without repeated cells.
-MeshFindings check_mesh(const RawMesh& mesh);
+/// Looks for every defect, naming the first `n_shown` of each. Time n log n. Defects of shape are
+/// looked for in tets with four corners that exist; faces and parts are those of the mesh without
+/// repeated cells.
+MeshFindings check_mesh(const RawMesh& mesh, std::size_t n_shown = 10);
 
 struct RepairedMesh {
   RawMesh mesh;
