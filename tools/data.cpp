@@ -1,12 +1,14 @@
 // nmp data: make a dataset of trajectories, and say what is in one.
 //   nmp data gen cube -o data/cube
 //   nmp data gen cube -o data/soft --set material.E=2e5 --set time.frames=200 --seed 7
+//   nmp data gen --mesh body.msh -o data/body
 //   nmp data info data/cube --verify
 
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "common.h"
+#include "nmp/config.h"
 #include "nmp/data_gen.h"
 #include "nmp/dataset.h"
 #include "nmp/dataset_summary.h"
@@ -19,13 +21,29 @@ using Json = nlohmann::ordered_json;
 
 struct Options {
   std::string scene;    // gen: a file, or the name of one that ships
+  std::string mesh;     // gen: a mesh file instead of the scene's body
+  std::string meshes;   // gen: one more folder to look for it in
   std::string folder;   // of the dataset
   bool verify = false;  // info: read every file and compare its checksum
   common::Flags flags;
 };
 
+// The scene that was named; for a mesh alone every default, by the mesh's name.
+Scene make_scene(const Options& o) {
+  std::vector<std::string> set = o.flags.set;
+  if (!o.mesh.empty()) set.push_back("mesh.file=" + toml_string(o.mesh));
+  if (o.scene.empty() && o.mesh.empty()) {
+    throw ConfigError("nmp data gen: expected a SCENE, --mesh FILE or both, found neither");
+  }
+  Scene scene = o.scene.empty() ? parse_scene("name = " + toml_string(Path(o.mesh).stem().string()),
+                                              "--mesh", set)
+                                : read_scene(o.scene, set);
+  if (!o.meshes.empty()) scene.mesh_folders.emplace_back(o.meshes);
+  return scene;
+}
+
 void gen(const Options& o) {
-  Scene scene = read_scene(o.scene, o.flags.set);
+  Scene scene = make_scene(o);
   if (o.flags.seed) scene.seed = *o.flags.seed;
   common::Progress progress("data gen " + scene.name);
   DataGenOptions options;
@@ -74,12 +92,21 @@ void add_data(CLI::App& app) {
 
   CLI::App& make = common::add_command(
       data, "gen", "Simulate a scene's trajectories and write them as a dataset",
-      "A folder that was made from the same scene is continued.",
+      "A folder that was made from the same scene is continued. With --mesh the scene's body is "
+      "the mesh of that file, checked and repaired; without SCENE it falls on the ground as the "
+      "cube does.",
       {"nmp data gen cube -o data/cube",
        "nmp data gen cube -o data/soft --set material.E=2e5 --set time.frames=200",
-       "nmp data gen my_scene.toml -o data/mine --seed 7"});
-  make.add_option("SCENE", o->scene, "A TOML file, or the name of a scene that ships: cube")
-      ->required();
+       "nmp data gen my_scene.toml -o data/mine --seed 7",
+       "nmp data gen --mesh body.msh -o data/body --set mesh.scale=0.001",
+       "nmp data gen --mesh body.msh -o data/held --set contact.ground=none --set "
+       "'pins.boxes=[[-1, -1, 0.9, 1, 1, 1]]'"});
+  make.add_option("SCENE", o->scene, "A TOML file, or the name of a scene that ships: cube");
+  make.add_option("--mesh", o->mesh, "A mesh file as the body: .msh, .node, .ele, .vtk or .vtu")
+      ->type_name("FILE");
+  make.add_option("--meshes", o->meshes, "A folder where mesh files are looked for, last")
+      ->type_name("DIR")
+      ->envname("NMP_MESHES");
   make.add_option("-o,--output", o->folder, "Folder of the dataset")->type_name("DIR")->required();
   common::add_set(make, o->flags);
   common::add_seed(make, o->flags);

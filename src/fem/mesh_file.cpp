@@ -45,6 +45,14 @@ std::string mesh_checksum(const Path& path) {
   return files.size() == 1 ? sums : hex(hash_bytes(sums.data(), sums.size()));
 }
 
+void turn_and_scale(RawMesh& mesh, double scale, bool y_up) {
+  if (y_up) {
+    mesh.vertices.col(1).swap(mesh.vertices.col(2));
+    mesh.vertices.col(1) *= -1;
+  }
+  mesh.vertices *= scale;
+}
+
 RawMesh read_mesh(const Path& path, const MeshLimits& limits) {
   const MeshFormat format = mesh_format(path);
   const std::vector<Path> files = mesh_files(path);

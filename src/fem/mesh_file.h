@@ -57,6 +57,11 @@ std::string mesh_checksum(const Path& path);
 /// @throws ConfigError for an unknown ending, IoError, InputError
 RawMesh read_mesh(const Path& path, const MeshLimits& limits = {});
 
+/// To metres and z up.
+/// @param scale  metres in a unit of the file   @param y_up  turned by (x, y, z) -> (x, -z, y), a
+///               quarter turn about x
+void turn_and_scale(RawMesh& mesh, double scale, bool y_up);
+
 struct MeshWriteOptions {
   bool binary = false;  // VTU: appended raw; TetGen has no binary form
   bool gmsh2 = false;   // Gmsh 2.2 instead of 4.1

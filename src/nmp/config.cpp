@@ -336,7 +336,16 @@ ConfigReader ConfigReader::parse(const std::string& text, const std::string& nam
   return ConfigReader(std::move(state));
 }
 
-bool ConfigReader::has(const std::string& key) const { return state_->leaves.count(key) > 0; }
+bool ConfigReader::has(const std::string& key) const { return state_->find(key) != nullptr; }
+
+bool ConfigReader::is_override(const std::string& key) const {
+  const State::Leaf* leaf = state_->find(key);
+  return leaf != nullptr && !leaf->in_file;
+}
+
+void ConfigReader::drop(const std::string& key) {
+  if (has(key) && !is_override(key)) state_->leaves.erase(key);
+}
 
 double ConfigReader::number(const std::string& key, double fallback, double low, double high) {
   const State::Leaf* leaf = state_->find(key);
@@ -416,6 +425,30 @@ std::vector<std::int64_t> ConfigReader::integers(const std::string& key,
   return result;
 }
 
+Matrix<double> ConfigReader::rows(const std::string& key, const Matrix<double>& fallback,
+                                  Index n_columns) {
+  const State::Leaf* leaf = state_->find(key);
+  if (leaf == nullptr) return fallback;
+  const toml::array* array = leaf->node->as_array();
+  const std::string expected = "an array of arrays of " + std::to_string(n_columns) + " numbers";
+  if (array == nullptr) State::fail(*leaf, *leaf->node, key, expected);
+  Matrix<double> result(static_cast<Index>(array->size()), n_columns);
+  for (Index i = 0; i < result.rows(); ++i) {
+    const toml::node& part = (*array)[static_cast<std::size_t>(i)];
+    const toml::array* row = part.as_array();
+    if (row == nullptr || static_cast<Index>(row->size()) != n_columns) {
+      const std::string size =
+          row == nullptr ? "" : " (one has " + std::to_string(row->size()) + ")";
+      State::fail(*leaf, part, key, expected + size);
+    }
+    for (Index k = 0; k < n_columns; ++k) {
+      result(i, k) =
+          State::number(*leaf, (*row)[static_cast<std::size_t>(k)], key, -HUGE_VAL, HUGE_VAL);
+    }
+  }
+  return result;
+}
+
 void ConfigReader::finish() const {
   // The first in the file; overrides after it.
   using Entry = std::pair<const std::string, State::Leaf>;
@@ -457,6 +490,8 @@ std::string toml_number(double value) {
   return digits.find_first_of(".e") == std::string::npos ? digits + ".0" : digits;
 }
 
+}  // namespace
+
 std::string toml_string(const std::string& value) {
   std::string out = "\"";
   for (const char c : value) {
@@ -471,8 +506,6 @@ std::string toml_string(const std::string& value) {
   }
   return out + '"';
 }
-
-}  // namespace
 
 void ConfigWriter::write(const std::string& key, const std::string& value) {
   const std::size_t dot = key.rfind('.');
@@ -525,6 +558,18 @@ std::vector<std::int64_t> ConfigWriter::integers(const std::string& key,
                                                  std::int64_t, std::int64_t) {
   std::string list;
   for (const std::int64_t i : value) list += (list.empty() ? "" : ", ") + std::to_string(i);
+  write(key, "[" + list + "]");
+  return value;
+}
+
+Matrix<double> ConfigWriter::rows(const std::string& key, const Matrix<double>& value, Index) {
+  if (value.rows() == 0) return value;
+  std::string list;
+  for (Index i = 0; i < value.rows(); ++i) {
+    list += i > 0 ? ", [" : "[";
+    for (Index k = 0; k < value.cols(); ++k) list += (k > 0 ? ", " : "") + toml_number(value(i, k));
+    list += "]";
+  }
   write(key, "[" + list + "]");
   return value;
 }

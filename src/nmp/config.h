@@ -29,7 +29,12 @@ class ConfigReader {
   ~ConfigReader();
   ConfigReader(ConfigReader&&) noexcept;
 
+  /// Whether there is a value; from then on the key is one that the program knows.
   bool has(const std::string& key) const;
+  /// Whether its value comes from an override.
+  bool is_override(const std::string& key) const;
+  /// Takes a value out of the file as if it had not been there; overrides stay.
+  void drop(const std::string& key);
   /// The value at a dotted key, or `fallback` if it is absent; outside [low, high] is an error.
   double number(const std::string& key, double fallback, double low, double high);
   /// A number, or the word "none".
@@ -47,6 +52,8 @@ class ConfigReader {
   std::vector<std::int64_t> integers(const std::string& key,
                                      const std::vector<std::int64_t>& fallback, std::int64_t low,
                                      std::int64_t high);
+  /// An array of arrays of `n_columns` numbers each: #rows x n_columns.
+  Matrix<double> rows(const std::string& key, const Matrix<double>& fallback, Index n_columns);
 
   /// @throws ConfigError  at the first key of the file that nobody has asked for
   void finish() const;
@@ -76,6 +83,8 @@ class ConfigWriter {
   Vec3<double> vector(const std::string& key, const Vec3<double>& value);
   std::vector<std::int64_t> integers(const std::string& key, const std::vector<std::int64_t>& value,
                                      std::int64_t low, std::int64_t high);
+  /// Nothing if there are no rows, so that scenes without them keep their text.
+  Matrix<double> rows(const std::string& key, const Matrix<double>& value, Index n_columns);
 
   const std::string& text() const { return text_; }
 
@@ -93,6 +102,9 @@ std::string read_config_text(const std::string& name, const char* shipped, const
 
 /// The name in `known` with the smallest edit distance to `word`; empty if none is near.
 std::string nearest_name(const std::string& word, const std::vector<std::string>& known);
+
+/// A string as TOML writes it, in quotes.
+std::string toml_string(const std::string& value);
 
 /// The shortest decimal that reads back as the same double, in any locale.
 std::string decimal(double value);

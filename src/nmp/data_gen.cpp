@@ -1,15 +1,18 @@
 #include "nmp/data_gen.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "base/check.h"
 #include "base/parallel.h"
 #include "fem/lane_simulator.h"
 #include "fem/stability.h"
+#include "nmp/body.h"
 #include "nmp/config.h"
 
 namespace nmp {
@@ -41,15 +44,26 @@ bool is_record_name(const std::string& name) {
                      [](char c) { return c >= '0' && c <= '9'; });
 }
 
-// The scene that a folder was begun with, as to_toml writes it; empty if there is none to be read.
-std::string scene_of(const Path& folder) {
+// The scene that a folder was begun with, if there is one to be read.
+std::optional<Scene> scene_of(const Path& folder) {
   const Path path = folder / "scene.toml";
-  if (!fs::exists(path)) return "";
+  if (!fs::exists(path)) return std::nullopt;
   try {
-    return to_toml(parse_scene(read_text(path, kMaxScene), path.string()));
+    return parse_scene(read_text(path, kMaxScene), path.string());
   } catch (const ConfigError&) {
-    return "";
+    return std::nullopt;
   }
+}
+
+// What a folder holds that is not of this scene.
+std::string contents(const Path& folder, std::optional<Scene> earlier, const Scene& scene) {
+  if (!fs::exists(folder / "scene.toml")) return "files that are no dataset";
+  if (earlier && earlier->shape == "file" && scene.shape == "file" &&
+      earlier->mesh_checksum != scene.mesh_checksum) {
+    return text("data of another mesh: ", earlier->mesh_file, " with the checksum ",
+                earlier->mesh_checksum, ", now ", scene.mesh_file, " has ", scene.mesh_checksum);
+  }
+  return "data of another scene";
 }
 
 void remove_dataset(const Path& folder) {
@@ -65,14 +79,14 @@ void remove_dataset(const Path& folder) {
 }
 
 // Makes the folder the scene's: empty, begun with the same scene, or emptied.
-void claim_folder(const Path& folder, const std::string& scene_toml, bool force) {
+void claim_folder(const Path& folder, const Scene& scene, const std::string& scene_toml,
+                  bool force) {
   const bool holds_something = !fs::is_empty(folder);
-  if (!holds_something || scene_of(folder) != scene_toml) {
+  const std::optional<Scene> earlier = scene_of(folder);
+  if (!holds_something || !earlier || to_toml(*earlier) != scene_toml) {
     if (holds_something && !force) {
-      throw ConfigError(text(
-          folder.string(), ": holds ",
-          fs::exists(folder / "scene.toml") ? "data of another scene" : "files that are no dataset",
-          "; choose another folder, or --force to start over"));
+      throw ConfigError(text(folder.string(), ": holds ", contents(folder, earlier, scene),
+                             "; choose another folder, or --force to start over"));
     }
     if (holds_something) remove_dataset(folder);
     write_text(folder / "scene.toml", scene_toml);
@@ -148,20 +162,32 @@ bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& 
   return true;
 }
 
+// Settings that keep the frames and are stable with some room for compression.
+std::string smaller_step(const Scene& scene, const fem::TetMesh<double>& mesh) {
+  constexpr double kRoom = 0.75;
+  const double limit = fem::stable_time_step(mesh, scene.physics.material, scene.physics.pinned);
+  const double n = std::ceil(scene.h() / (kRoom * limit));
+  return text("try --set time.dt=", decimal(scene.h() / n), " --set time.substeps=", n);
+}
+
 }  // namespace
 
-Manifest generate_dataset(const Scene& scene, const Path& folder, const DataGenOptions& options) {
+Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenOptions& options) {
   const auto warn = [&](const std::string& message) {
     if (options.warn) options.warn(message);
   };
 
   // 1. The body, the folder, and what it will hold.
-  const fem::TetMesh<double> mesh = make_mesh(scene);
+  const Body body = make_body(given);
+  const fem::TetMesh<double>& mesh = body.mesh;
+  Scene scene = recorded_scene(given, body);
   const std::string scene_toml = to_toml(scene);
   const std::string scene_hash = hex(hash_bytes(scene_toml.data(), scene_toml.size()));
   fs::create_directories(folder);
   const FolderLock lock(folder);
-  claim_folder(folder, scene_toml, options.force);
+  claim_folder(folder, scene, scene_toml, options.force);
+  for (const std::string& warning : body.warnings) warn(warning);
+  scene.physics.pinned = body.pinned;  // those by rule too
 
   Manifest manifest;
   manifest.scene_name = scene.name;
@@ -208,7 +234,7 @@ Manifest generate_dataset(const Scene& scene, const Path& folder, const DataGenO
   if (!jobs.empty()) {
     const std::string warning =
         fem::stability_warning(mesh, scene.physics.material, scene.physics.pinned, scene.dt);
-    if (!warning.empty()) warn("time.dt: " + warning);
+    if (!warning.empty()) warn("time.dt: " + warning + "; " + smaller_step(scene, mesh));
   }
 
   // 3. The trajectories, a group at a time.

@@ -22,10 +22,11 @@ struct DataGenOptions {
 
 /// Simulates a scene's trajectories (LaneSimulator) and writes them as a dataset. Continues a
 /// folder that was made from the same scene (its scene.toml tells) with the trajectories that are
-/// missing or damaged; the manifest is written last. If `stop` ended it there is no manifest, and
-/// the result lists the trajectories that are complete.
-/// @throws ConfigError if the folder holds another scene and force is false; NumericalError,
-/// IoError
+/// missing or damaged; the manifest is written last. A mesh file must be the same to the byte (its
+/// checksum stands in scene.toml); the finished dataset does not need it. If `stop` ended it there
+/// is no manifest, and the result lists the trajectories that are complete.
+/// @throws ConfigError if the folder holds another scene and force is false, and as make_body does;
+/// NumericalError, IoError
 Manifest generate_dataset(const Scene& scene, const Path& folder,
                           const DataGenOptions& options = {});
 

@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "base/check.h"
-#include "fem/mesh_cube.h"
 #include "nmp/config.h"
 #include "nmp/shipped.h"
 
@@ -22,11 +21,19 @@ void exchange(Config& config, Scene& s) {
   s.name = config.word("name", s.name);
   physics.gravity = config.vector("gravity", physics.gravity);
 
-  s.shape = config.choice("mesh.shape", s.shape, {"cube"});
-  s.vertices_per_edge =
-      config.integer("mesh.vertices_per_edge", s.vertices_per_edge, 2, kMaxVerticesPerEdge);
-  s.side = config.number("mesh.side", s.side, 1e-6, 1e6);
-  const std::int64_t n_vertices = s.vertices_per_edge * s.vertices_per_edge * s.vertices_per_edge;
+  s.shape = config.choice("mesh.shape", s.shape, {"cube", "file"});
+  std::int64_t n_vertices = std::numeric_limits<std::int32_t>::max();  // make_body knows better
+  if (s.shape == "file") {
+    s.mesh_file = config.word("mesh.file", s.mesh_file);
+    s.mesh_scale = config.number("mesh.scale", s.mesh_scale, 1e-15, 1e15);
+    s.mesh_up = config.choice("mesh.up", s.mesh_up, {"z", "y"});
+    s.mesh_checksum = config.word("mesh.checksum", s.mesh_checksum);
+  } else {
+    s.vertices_per_edge =
+        config.integer("mesh.vertices_per_edge", s.vertices_per_edge, 2, kMaxVerticesPerEdge);
+    s.side = config.number("mesh.side", s.side, 1e-6, 1e6);
+    n_vertices = s.vertices_per_edge * s.vertices_per_edge * s.vertices_per_edge;
+  }
 
   fem::Material& material = physics.material;
   material.law = config.choice("material.law", material.law, {"neo-hookean", "stvk"});
@@ -43,10 +50,13 @@ void exchange(Config& config, Scene& s) {
   std::sort(physics.pinned.begin(), physics.pinned.end());
   physics.pinned.erase(std::unique(physics.pinned.begin(), physics.pinned.end()),
                        physics.pinned.end());
+  s.pins.boxes = config.rows("pins.boxes", s.pins.boxes, 6);
+  s.pins.spheres = config.rows("pins.spheres", s.pins.spheres, 4);
+  s.pins.planes = config.rows("pins.planes", s.pins.planes, 4);
 
   // What the defaults mean without a ground or with pins.
-  if (!physics.pinned.empty()) s.random_orientation = false;
-  if (!physics.pinned.empty() || !physics.ground) s.clearance.reset();
+  if (s.has_pins()) s.random_orientation = false;
+  if (s.has_pins() || !physics.ground) s.clearance.reset();
   s.random_orientation = config.boolean("initial.random_orientation", s.random_orientation);
   s.clearance = config.number_or_none("initial.clearance", s.clearance, 0, 1e6);
   s.v_min = config.vector("initial.v_min", s.v_min);
@@ -62,17 +72,79 @@ void exchange(Config& config, Scene& s) {
       config.integer("dataset.seed", static_cast<std::int64_t>(s.seed), 0, kMaxSeed));
 }
 
+constexpr const char* kCubeKeys[] = {"mesh.vertices_per_edge", "mesh.side"};
+constexpr const char* kFileKeys[] = {"mesh.file", "mesh.scale", "mesh.up", "mesh.checksum"};
+
+// A mesh file given on the command line takes the place of the scene's own body.
+void choose_shape(ConfigReader& config, Scene& scene) {
+  if (!config.has("mesh.file")) return;
+  if (config.is_override("mesh.file")) {
+    for (const char* key : kCubeKeys) config.drop(key);
+    for (const char* key : {"mesh.shape", "mesh.checksum"}) config.drop(key);
+  }
+  scene.shape = "file";
+}
+
+void check_shape(const ConfigReader& config, const Scene& scene) {
+  const bool is_file = scene.shape == "file";
+  if (!is_file && config.has("mesh.file") && config.has("mesh.shape")) {
+    config.fail("mesh.shape", "expected \"file\", or no shape, beside mesh.file");
+  }
+  for (const char* key : kCubeKeys) {
+    if (is_file && config.has(key))
+      config.fail(key, "is of the cube: leave it out beside mesh.file");
+  }
+  for (const char* key : kFileKeys) {
+    if (!is_file && config.has(key)) config.fail(key, "needs mesh.file, the mesh it is about");
+  }
+  if (!is_file) return;
+  if (scene.mesh_file.empty()) {
+    config.fail(config.has("mesh.file") ? "mesh.file" : "mesh.shape",
+                "expected the name of a mesh file in mesh.file, found none");
+  }
+  const std::string& sum = scene.mesh_checksum;
+  if (!sum.empty() &&
+      (sum.size() != 16 || sum.find_first_not_of("0123456789abcdef") != std::string::npos)) {
+    config.fail("mesh.checksum", "expected 16 lower-case hexadecimal digits");
+  }
+}
+
+void check_rules(const ConfigReader& config, const PinRules& pins) {
+  const auto fail = [&](const char* key, Index i, const char* expected) {
+    config.fail(key, text("rule ", i, ", counted from 0: expected ", expected));
+  };
+  for (Index i = 0; i < pins.boxes.rows(); ++i) {
+    if ((pins.boxes.row(i).head(3).array() > pins.boxes.row(i).tail(3).array()).any()) {
+      fail("pins.boxes", i,
+           "[x_min, y_min, z_min, x_max, y_max, z_max], no minimum above its maximum");
+    }
+  }
+  for (Index i = 0; i < pins.spheres.rows(); ++i) {
+    if (!(pins.spheres(i, 3) > 0))
+      fail("pins.spheres", i, "[x, y, z, radius] with a radius above 0");
+  }
+  for (Index i = 0; i < pins.planes.rows(); ++i) {
+    if (pins.planes.row(i).head(3).isZero(0)) {
+      fail("pins.planes", i, "[nx, ny, nz, d] with a direction n that is not zero");
+    }
+  }
+}
+
 }  // namespace
 
 Scene parse_scene(const std::string& text, const std::string& origin,
                   const std::vector<std::string>& overrides) {
   ConfigReader config = ConfigReader::parse(text, origin, overrides);
   Scene scene;
+  choose_shape(config, scene);
   exchange(config, scene);
+  check_shape(config, scene);
   config.finish();
+  check_rules(config, scene.pins);
 
   if (scene.name.empty()) config.fail("name", "expected a name, found none");
-  if (!scene.physics.pinned.empty()) {
+  if (config.is_override("mesh.file")) scene.mesh_folders.emplace_back();
+  if (scene.has_pins()) {
     const std::string why = "of a body with pins, which starts at rest";
     if (scene.random_orientation) {
       config.fail("initial.random_orientation", "expected false " + why + ", found true");
@@ -94,8 +166,11 @@ Scene parse_scene(const std::string& text, const std::string& origin,
 
 Scene read_scene(const std::string& name, const std::vector<std::string>& overrides) {
   const char* shipped = find_shipped_scene(name);
-  return parse_scene(read_config_text(name, shipped, "scene", shipped_scene_names()),
-                     shipped == nullptr ? name : name + ".toml", overrides);
+  Scene scene = parse_scene(read_config_text(name, shipped, "scene", shipped_scene_names()),
+                            shipped == nullptr ? name : name + ".toml", overrides);
+  const Path folder = shipped == nullptr ? Path(name).parent_path() : Path();
+  if (scene.mesh_folders.empty() || !folder.empty()) scene.mesh_folders.push_back(folder);
+  return scene;
 }
 
 std::string to_toml(const Scene& scene) {
@@ -105,11 +180,6 @@ std::string to_toml(const Scene& scene) {
   Scene copy = scene;
   exchange(config, copy);
   return config.text();
-}
-
-fem::TetMesh<double> make_mesh(const Scene& scene) {
-  NMP_CHECK(scene.shape == "cube", "the shape of a scene must be cube, got " + scene.shape);
-  return fem::cube_mesh(scene.vertices_per_edge, scene.side);
 }
 
 std::uint64_t trajectory_seed(const Scene& scene, const std::string& split, Index index) {

@@ -5,12 +5,21 @@
 #include <string>
 #include <vector>
 
+#include "base/file.h"
 #include "base/random.h"
 #include "fem/material.h"
 #include "fem/simulator.h"
 #include "fem/tet_mesh.h"
 
 namespace nmp {
+
+/// Which vertices are pinned, by where they are at rest [m].
+struct PinRules {
+  Matrix<double> boxes{0, 6};    // x_min, y_min, z_min, x_max, y_max, z_max; the faces belong to it
+  Matrix<double> spheres{0, 4};  // centre and radius
+  Matrix<double> planes{0, 4};   // n, d: vertices with n . x >= d
+  bool any() const { return boxes.rows() + spheres.rows() + planes.rows() > 0; }
+};
 
 /// What a dataset is a recording of (design.md section 2). Read from a TOML file, every key
 /// optional. The ground is the plane z = 0 unless the file says otherwise. A pinned body starts at
@@ -21,13 +30,20 @@ struct Scene {
   std::string name = "cube";
 
   // [mesh]
-  std::string shape = "cube";  // the regular cube; files come with own meshes
-  Index vertices_per_edge = 10;
-  double side = 1;  // [m]
+  std::string shape = "cube";    // the regular cube, or "file"
+  Index vertices_per_edge = 10;  // of the cube
+  double side = 1;               // of the cube [m]
+  std::string mesh_file;         // Gmsh, TetGen, VTK or VTU; makes the shape "file"
+  double mesh_scale = 1;         // metres in a unit of the file
+  std::string mesh_up = "z";     // "y": turned by (x, y, z) -> (x, -z, y)
+  std::string mesh_checksum;     // of the file; empty: any file will do
+  /// Where a relative mesh_file is looked for, in this order; not part of the scene's text.
+  std::vector<Path> mesh_folders;
 
-  // [material] law, E [Pa], nu, density [kg/m3]   [contact] ground [m]   [pins] vertices
+  // [material] law, E [Pa], nu, density [kg/m3]   [contact] ground [m]   [pins] vertices, by number
   // gravity [m/s2]
   fem::Physics physics;
+  PinRules pins;  // more vertices, by rule; make_body (body.h) finds them
 
   // [initial]
   bool random_orientation = true;                  // uniform on SO(3)
@@ -43,11 +59,14 @@ struct Scene {
   Index train = 32, validation = 8;
   std::uint64_t seed = 1;
 
+  bool has_pins() const { return !physics.pinned.empty() || pins.any(); }
   /// Step between frames, h = dt * substeps [s].
   double h() const { return dt * static_cast<double>(substeps); }
 };
 
 /// @param name  a file, or the name of a scene that ships ("cube")
+/// mesh_folders become the folder of the scene's file; if mesh.file is an override or the scene
+/// ships, the current folder comes before it.
 /// @throws ConfigError listing the shipped scenes if there is no such file; IoError
 Scene read_scene(const std::string& name, const std::vector<std::string>& overrides = {});
 /// @param origin  stands in messages
@@ -56,13 +75,12 @@ Scene parse_scene(const std::string& text, const std::string& origin,
 /// The scene with every default filled in, as TOML that parse_scene reads back.
 std::string to_toml(const Scene& scene);
 
-fem::TetMesh<double> make_mesh(const Scene& scene);
 /// Names a trajectory's random choices: a pure function of the scene's seed, the split ("train",
 /// "val") and the index. Below 2^53, so that every reader of JSON keeps it.
 std::uint64_t trajectory_seed(const Scene& scene, const std::string& split, Index index);
 /// The start of a trajectory: a pure function of the scene and trajectory_seed. The body is turned
 /// about its centre of mass, then lifted or lowered to its clearance; all free vertices have one
-/// velocity.
+/// velocity. Pins by rule must have become physics.pinned.
 fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>& mesh,
                                  const std::string& split, Index index);
 

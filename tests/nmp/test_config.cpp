@@ -24,6 +24,7 @@ std::string refusal(const std::string& text, const std::vector<std::string>& ove
     config.vector("gravity", {0, 0, 0});
     config.integers("model.hidden", {}, 1, 64);
     config.word("name", "");
+    config.rows("pins.boxes", {}, 2);
     config.number_or_none("contact.ground", 0, -1, 1);
     config.finish();
   });
@@ -229,6 +230,44 @@ TEST_SUITE("nmp/config") {
     CHECK(refusal(repeated("\n", 1999) + "side = 10.5\n") ==
           "a.toml:2000:8: side: expected a number from 0 to 10, found 10.5");
     CHECK(text(1234567, " ", 0.5) == "1234567 0.5");
+  }
+
+  TEST_CASE("rows of numbers read and write, and must have their length") {
+    ConfigReader config =
+        ConfigReader::parse("boxes = [[1, 2.5], [-3, 4]]\nnone = []\n", "a.toml", {"more=[[1,2]]"});
+    Matrix<double> boxes(2, 2);
+    boxes << 1, 2.5, -3, 4;
+    CHECK(config.rows("boxes", {}, 2) == boxes);
+    CHECK(config.rows("none", boxes, 2).rows() == 0);
+    CHECK(config.rows("none", boxes, 2).cols() == 2);
+    CHECK(config.rows("absent", boxes, 2) == boxes);
+    CHECK(config.rows("more", boxes, 2).rows() == 1);
+    CHECK_NOTHROW(config.finish());
+    ConfigWriter writer;
+    writer.rows("pins.boxes", boxes, 2);
+    writer.rows("pins.none", Matrix<double>(0, 2), 2);
+    CHECK(writer.text() == "[pins]\nboxes = [[1.0, 2.5], [-3.0, 4.0]]\n");
+
+    CHECK(refusal("[pins]\nboxes = [[1, 2], [3]]\n") ==
+          "a.toml:2:18: pins.boxes: expected an array of arrays of 2 numbers (one has 1), found an "
+          "array");
+    CHECK(contains(refusal("[pins]\nboxes = [1, 2]\n"),
+                   "a.toml:2:10: pins.boxes: expected an array"));
+    CHECK(contains(refusal("[pins]\nboxes = 3\n"), "found 3"));
+    CHECK(contains(refusal("[pins]\nboxes = [[1, \"x\"]]\n"), "found the string 'x'"));
+    CHECK(contains(refusal("[pins]\nboxes = [[1, inf]]\n"), "a finite number"));
+  }
+
+  TEST_CASE("knows what is an override, and drops what is not") {
+    ConfigReader config = ConfigReader::parse("a = 1\nb = 2\n", "a.toml", {"b=3", "c=4"});
+    CHECK_FALSE(config.is_override("a"));
+    CHECK(config.is_override("b"));
+    CHECK(config.is_override("c"));
+    CHECK_FALSE(config.is_override("d"));
+    for (const char* key : {"a", "b", "d"}) config.drop(key);
+    CHECK_FALSE(config.has("a"));
+    CHECK(config.integer("b", 0, 0, 9) == 3);
+    CHECK_NOTHROW(config.finish());
   }
 
   TEST_CASE("finds the nearest name") {

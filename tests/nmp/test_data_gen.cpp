@@ -6,6 +6,7 @@
 
 #include "base/check.h"
 #include "base/parallel.h"
+#include "fem/mesh_fixtures.h"
 #include "fem/simulator.h"
 #include "nmp/folder.h"
 
@@ -222,9 +223,65 @@ TEST_SUITE("nmp/data_gen") {
         test::message<NumericalError>([&] { generate_dataset(scene, folder / "data", options); });
     REQUIRE(warnings.size() == 1);
     CHECK(contains(warnings[0], "above 0.9 of the stability limit"));
+    CHECK(contains(warnings[0], "; try --set time.dt="));
     CHECK(contains(error, "train/000.safetensors to val/000.safetensors"));
     CHECK_FALSE(fs::exists(folder / "data/manifest.json"));
     CHECK(fs::is_empty(folder / "data/train"));
+  }
+
+  TEST_CASE("a mesh file: warnings, its checksum in the scene, no need of it afterwards") {
+    const test::Folder folder;
+    const Path mesh = folder / "two.msh", data = folder / "data";
+    put(mesh, test::kGmsh2);
+    Scene scene = tiny_scene();
+    scene.shape = "file";
+    scene.mesh_file = mesh.string();
+    scene.physics.ground.reset();
+    scene.clearance.reset();
+    scene.random_orientation = false;
+    scene.pins.planes.resize(1, 4);
+    scene.pins.planes << 0, 0, -1, 0;  // z <= 0: vertices 0, 1, 2
+    std::vector<std::string> warnings;
+    DataGenOptions options;
+    options.warn = [&](const std::string& message) { warnings.push_back(message); };
+    generate_dataset(scene, data, options);
+    REQUIRE(warnings.size() == 1);
+    CHECK(contains(warnings[0], "two.msh: 2 surface, line and point cells are left out"));
+    const std::string toml = get(data / "scene.toml");
+    CHECK(contains(toml, "file = \"two.msh\""));
+    CHECK(contains(toml, "checksum = \"" + hash_file(mesh) + "\""));
+    CHECK(contains(toml, "vertices = []"));
+    const auto whole = content(data);
+
+    // The same file elsewhere is the same mesh; a run goes on.
+    fs::create_directory(folder / "other");
+    fs::rename(mesh, folder / "other/two.msh");
+    scene.mesh_file = "two.msh";
+    scene.mesh_folders = {folder.path(), folder / "other"};
+    fs::remove(data / "train/001.safetensors");
+    generate_dataset(scene, data);
+    CHECK(content(data) == whole);
+
+    // Another mesh is not.
+    put(mesh, std::string(test::kGmsh2) + "\n");
+    const std::string why = test::message<ConfigError>([&] { generate_dataset(scene, data); });
+    CHECK(contains(why, "holds data of another mesh: two.msh with the checksum"));
+    CHECK(contains(why, "--force"));
+    CHECK(content(data) == whole);
+
+    // Reading needs no mesh file.
+    fs::remove_all(folder / "other");
+    fs::remove(mesh);
+    const Dataset dataset = Dataset::open(data);
+    CHECK_NOTHROW(dataset.verify());
+    CHECK(dataset.mesh().n_tets() == 2);
+    CHECK(dataset.manifest().physics.pinned == std::vector<int>{0, 1, 2});
+    const Scene read = parse_scene(dataset.manifest().scene_toml, "manifest");
+    CHECK(to_toml(read) == toml);
+    CHECK(dataset.train()[0].state<float>(5).x.topRows(3) ==
+          dataset.mesh().vertices().topRows(3).cast<float>());
+    CHECK(
+        contains(test::message<ConfigError>([&] { generate_dataset(read, data); }), "NMP_MESHES"));
   }
 
   TEST_CASE("pinned bodies keep their pins") {

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/check.h"
+#include "nmp/body.h"
 #include "nmp/folder.h"
 
 using namespace nmp;
@@ -161,8 +162,10 @@ TEST_SUITE("nmp/scene") {
   }
 
   TEST_CASE("a pinned body starts at rest, its pins without velocity") {
-    const Scene scene =
-        parse_scene("[mesh]\nvertices_per_edge = 3\n[pins]\nvertices = [0, 26]\n", "a.toml");
+    const Scene scene = parse_scene(
+        "[mesh]\nvertices_per_edge = 3\n[pins]\nvertices = [0, 26]\n"
+        "[contact]\nground = \"none\"\n",
+        "a.toml");
     const fem::TetMesh<double> mesh = make_mesh(scene);
     const fem::State<double> state = initial_state(scene, mesh, "val", 0);
     CHECK(state.x == mesh.vertices());
@@ -170,6 +173,68 @@ TEST_SUITE("nmp/scene") {
     CHECK(state.v.row(26).isZero(0));
     CHECK_FALSE(state.v.row(1).isZero(0));
     CHECK(state.v.row(1) == state.v.row(25));
+  }
+
+  TEST_CASE("a mesh file makes the shape, and reads back with its pins") {
+    const Scene scene = parse_scene(
+        "[mesh]\nfile = \"a b.msh\"\nscale = 1e-3\nup = \"y\"\nchecksum = \"0123456789abcdef\"\n"
+        "[contact]\nground = \"none\"\n[pins]\nvertices = [900, 7]\nboxes = [[0, 0, 0, 1, 1, 1]]\n"
+        "spheres = [[0, 0, 0, 0.5], [1, 1, 1, 2]]\nplanes = [[0, 0, 1, 0.25]]\n",
+        "a.toml");
+    CHECK(scene.shape == "file");
+    CHECK(scene.mesh_file == "a b.msh");
+    CHECK(scene.mesh_scale == 1e-3);
+    CHECK(scene.mesh_up == "y");
+    CHECK(scene.pins.spheres.rows() == 2);
+    CHECK(scene.pins.planes(0, 3) == 0.25);
+    CHECK(scene.has_pins());
+    CHECK_FALSE(scene.random_orientation);
+    CHECK_FALSE(scene.clearance.has_value());
+    CHECK(to_toml(parse_scene(to_toml(scene), "a.toml")) == to_toml(scene));
+    CHECK(scene.mesh_folders.empty());
+
+    const Scene by_rule = parse_scene("[pins]\nplanes = [[0, 0, -1, 0]]\n", "a.toml");
+    CHECK(by_rule.physics.pinned.empty());
+    CHECK_FALSE(by_rule.random_orientation);
+  }
+
+  TEST_CASE("a mesh file on the command line takes the place of the scene's body") {
+    const Scene scene = read_scene("cube", {"mesh.file=a.msh", "mesh.scale=2"});
+    CHECK(scene.shape == "file");
+    CHECK(scene.name == "cube");
+    CHECK(scene.random_orientation);
+    CHECK(scene.mesh_folders == std::vector<Path>{Path()});
+    const test::Folder folder;
+    const std::string path = (folder / "mine.toml").string();
+    test::put(path, "[mesh]\nfile = \"b.msh\"\nchecksum = \"0123456789abcdef\"\n");
+    CHECK(read_scene(path).mesh_folders == std::vector<Path>{folder.path()});
+    const Scene other = read_scene(path, {"mesh.file=a.msh"});
+    CHECK(other.mesh_folders == std::vector<Path>{Path(), folder.path()});
+    CHECK(other.mesh_checksum.empty());
+  }
+
+  TEST_CASE("keys of a mesh file and of the cube exclude each other") {
+    CHECK(contains(refusal("[mesh]\nfile = \"a.msh\"\nside = 2\n"),
+                   "a.toml:3:8: mesh.side: is of the cube"));
+    CHECK(contains(refusal("[mesh]\nfile = \"a.msh\"\nshape = \"cube\"\n"),
+                   "a.toml:3:9: mesh.shape: expected \"file\""));
+    CHECK(contains(refusal("[mesh]\nscale = 2\n"), "a.toml:2:9: mesh.scale: needs mesh.file"));
+    CHECK(contains(refusal("[mesh]\nshape = \"file\"\n"), "expected the name of a mesh file"));
+    CHECK(contains(refusal("[mesh]\nfile = \"\"\n"), "a.toml:2:8: mesh.file"));
+    CHECK(contains(refusal("[mesh]\nfile = \"a.msh\"\nup = \"x\"\n"), "one of the strings z, y"));
+    CHECK(contains(refusal("[mesh]\nfile = \"a.msh\"\nscale = 0\n"), "a.toml:3:9: mesh.scale"));
+    CHECK(contains(refusal("[mesh]\nfile = \"a.msh\"\nchecksum = \"12\"\n"), "16 lower-case"));
+    CHECK(contains(refusal("[mesh]\nfiel = \"a.msh\"\n"), "did you mean 'mesh.file'?"));
+  }
+
+  TEST_CASE("pin rules that can hold nothing are refused") {
+    CHECK(contains(refusal("[pins]\nboxes = [[0, 0, 0, 1, -1, 1]]\n"),
+                   "a.toml:2:9: pins.boxes: rule 0, counted from 0: expected"));
+    CHECK(contains(refusal("[pins]\nspheres = [[0, 0, 0, 1], [0, 0, 0, 0]]\n"), "rule 1"));
+    CHECK(contains(refusal("[pins]\nplanes = [[0, 0, 0, 1]]\n"), "not zero"));
+    CHECK(contains(refusal("[pins]\nplanes = [[0, 0, 1]]\n"), "arrays of 4 numbers (one has 3)"));
+    CHECK(contains(refusal("[pins]\nplanes = [[0, 0, 1, 0]]\n[initial]\nclearance = 1\n"),
+                   "a.toml:4:13"));
   }
 
   TEST_CASE("what makes no sense is refused at its place") {
