@@ -90,6 +90,7 @@ CLI::App& add_command(CLI::App& parent, const std::string& name, const std::stri
 namespace nmp {
 
 void add_data(CLI::App& app);
+void add_mesh(CLI::App& app);
 void add_train(CLI::App& app);
 void add_rollout(CLI::App& app);
 void add_eval(CLI::App& app);

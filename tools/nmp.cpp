@@ -96,6 +96,7 @@ int run(int argc, char** argv) {
       "'nmp COMMAND --help' says more about a command.");
   app.require_subcommand(1);
   add_data(app);
+  add_mesh(app);
   add_train(app);
   add_rollout(app);
   add_eval(app);

@@ -166,7 +166,11 @@ bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& 
 std::string smaller_step(const Scene& scene, const fem::TetMesh<double>& mesh) {
   constexpr double kRoom = 0.75;
   const double limit = fem::stable_time_step(mesh, scene.physics.material, scene.physics.pinned);
-  const double n = std::ceil(scene.h() / (kRoom * limit));
+  // A step with few digits, if there is one not much smaller.
+  const double most = std::ceil(scene.h() / (kRoom * limit));
+  double n = most;
+  while (decimal(scene.h() / n).size() > 8 && n < 1.5 * most) ++n;
+  if (decimal(scene.h() / n).size() > 8) n = most;
   return text("try --set time.dt=", decimal(scene.h() / n), " --set time.substeps=", n);
 }
 

@@ -1,0 +1,202 @@
+// nmp mesh: look at a tetrahedral mesh, say what is wrong with it, and write it in another format.
+//   nmp mesh info body.msh
+//   nmp mesh check body.msh --scale 0.001
+//   nmp mesh convert body.node body.vtu --up y --fix
+
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "base/check.h"
+#include "common.h"
+#include "fem/material.h"
+#include "fem/mesh_check.h"
+#include "fem/mesh_file.h"
+#include "fem/mesh_quality.h"
+#include "fem/stability.h"
+
+namespace nmp {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Options {
+  std::string in, out;
+  double scale = 1;      // metres in a unit of the file
+  std::string up = "z";  // "y": turned to z
+  std::size_t ids = 10;  // check: how many of each defect
+  bool fix = false;      // convert: repair before writing
+  bool no_step = false;  // info: leave out the stable time step
+  bool binary = false;   // convert
+  bool gmsh2 = false;    // convert: version 2.2
+  common::Flags flags;
+};
+
+fem::RawMesh read(const Options& o) {
+  fem::RawMesh mesh = fem::read_mesh(o.in);
+  fem::turn_and_scale(mesh, o.scale, o.up == "y");
+  return mesh;
+}
+
+void warn(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) common::note("warning: " + warning);
+}
+
+void info(const Options& o) {
+  const fem::RawMesh raw = read(o);
+  const fem::RepairedMesh repaired = fem::repair(raw, printable(o.in));
+  warn(raw.notes);
+  warn(repaired.warnings);
+  const fem::TetMesh<double> mesh(repaired.mesh.vertices, repaired.mesh.tets);
+  const fem::MeshQuality q = fem::quality(mesh);
+  const fem::Material material;
+  const double dt = o.no_step ? 0 : fem::stable_time_step(mesh, material);
+  if (o.flags.json) {
+    const Json json = {
+        {"file", o.in},
+        {"n_vertices", mesh.n_vertices()},
+        {"n_tets", mesh.n_tets()},
+        {"volume", q.volume},
+        {"low", {q.low(0), q.low(1), q.low(2)}},
+        {"high", {q.high(0), q.high(1), q.high(2)}},
+        {"edge", {{"min", q.edge_min}, {"mean", q.edge_mean}, {"max", q.edge_max}}},
+        {"dihedral",
+         {{"min", q.dihedral_min},
+          {"min_tet", q.dihedral_min_tet},
+          {"max", q.dihedral_max},
+          {"max_tet", q.dihedral_max_tet}}},
+        {"aspect", {{"max", q.aspect_max}, {"max_tet", q.aspect_max_tet}}},
+        {"stable_time_step", o.no_step ? Json() : Json(dt)},
+        {"material", {{"E", material.E}, {"nu", material.nu}, {"density", material.density}}},
+        {"checksum", fem::mesh_checksum(o.in)}};
+    return common::print(json.dump(1) + "\n");
+  }
+  const auto number = common::number;
+  common::print(common::table(
+      {{"vertices", text(mesh.n_vertices())},
+       {"tetrahedra", text(mesh.n_tets())},
+       {"volume", number(q.volume) + " m3"},
+       {"x", number(q.low(0)) + " to " + number(q.high(0)) + " m"},
+       {"y", number(q.low(1)) + " to " + number(q.high(1)) + " m"},
+       {"z", number(q.low(2)) + " to " + number(q.high(2)) + " m"},
+       {"edges, shortest, mean, longest",
+        number(q.edge_min) + ", " + number(q.edge_mean) + ", " + number(q.edge_max) + " m"},
+       {"smallest angle between faces",
+        number(q.dihedral_min) + " degrees, tet " + text(q.dihedral_min_tet)},
+       {"largest angle between faces",
+        number(q.dihedral_max) + " degrees, tet " + text(q.dihedral_max_tet)},
+       {"worst longest edge / height (regular: 1.22)",
+        number(q.aspect_max) + ", tet " + text(q.aspect_max_tet)},
+       {text("stable time step (E ", material.E, " Pa, nu ", material.nu, ")"),
+        o.no_step ? "not asked for" : number(dt) + " s"}}));
+}
+
+const char* word(fem::MeshRule rule) {
+  return rule == fem::MeshRule::refuse   ? "refused"
+         : rule == fem::MeshRule::repair ? "repaired"
+                                         : "warning";
+}
+
+void check(const Options& o) {
+  const fem::RawMesh raw = read(o);
+  const fem::MeshFindings findings = fem::check_mesh(raw, o.ids);
+  Json list = Json::array();
+  std::string lines;
+  for (const fem::MeshFinding& finding : findings.all) {
+    const char* rule = word(fem::rule(finding.defect));
+    list.push_back({{"defect", fem::name(finding.defect)},
+                    {"rule", rule},
+                    {"count", finding.count},
+                    {"first", finding.first},
+                    {"text", fem::describe(finding)}});
+    lines += std::string(rule) + ": " + fem::describe(finding) + "\n";
+  }
+  for (const std::string& note : raw.notes) lines += "note: " + note + "\n";
+  if (findings.all.empty()) lines += "nothing wrong\n";
+  const Json json = {{"file", o.in},
+                     {"n_vertices", raw.vertices.rows()},
+                     {"n_tets", raw.tets.rows()},
+                     {"n_parts", findings.n_parts},
+                     {"usable", !findings.refused()},
+                     {"findings", list},
+                     {"notes", raw.notes}};
+  common::print(o.flags.json ? json.dump(1) + "\n" : lines);
+  if (findings.refused()) {
+    throw InputError(printable(o.in) + ": cannot be simulated as it is");
+  }
+}
+
+void convert(const Options& o) {
+  for (const Path& file : fem::mesh_files(o.out)) refuse_to_overwrite(file, o.flags.force);
+  fem::RawMesh mesh = read(o);
+  warn(mesh.notes);
+  if (o.fix) {
+    const fem::RepairedMesh repaired = fem::repair(mesh, printable(o.in));
+    warn(repaired.warnings);
+    mesh = repaired.mesh;
+  }
+  fem::write_mesh(o.out, mesh, {o.binary, o.gmsh2});
+  const Json json = {
+      {"mesh", o.out}, {"n_vertices", mesh.vertices.rows()}, {"n_tets", mesh.tets.rows()}};
+  common::print(o.flags.json ? json.dump(1) + "\n"
+                             : text(o.out, ": ", mesh.vertices.rows(), " vertices, ",
+                                    mesh.tets.rows(), " tetrahedra\n"));
+}
+
+void add_mesh_file(CLI::App& app, Options& o, const char* name) {
+  app.add_option(name, o.in, "Mesh: .msh (Gmsh), .node or .ele (TetGen), .vtk or .vtu")->required();
+  app.add_option("--scale", o.scale, "Metres in a unit of the file, 0.001 for millimetres")
+      ->type_name("S")
+      ->check(CLI::Range(1e-15, 1e15).description(""));
+  app.add_option("--up", o.up, "Axis of the file that points up; y is turned to z")
+      ->type_name("y|z")
+      ->check(CLI::IsMember({"y", "z"}).description(""));
+}
+
+}  // namespace
+
+void add_mesh(CLI::App& app) {
+  CLI::App& mesh = common::add_command(
+      app, "mesh", "Look at a mesh file, check it, or write it in another format", "",
+      {"nmp mesh info body.msh", "nmp mesh check body.msh",
+       "nmp mesh convert body.node body.vtu --fix"});
+  mesh.require_subcommand(1);
+  const auto o = std::make_shared<Options>();
+
+  CLI::App& look = common::add_command(
+      mesh, "info", "Counts, size, quality and the stable time step of a mesh",
+      "The time step is that of the default material, unpinned; it grows as 1/sqrt(E).",
+      {"nmp mesh info body.msh", "nmp mesh info body.vtu --scale 0.001 --up y --json"});
+  add_mesh_file(look, *o, "FILE");
+  look.add_flag("--no-step", o->no_step,
+                "Leave out the stable time step, which takes minutes for a million tetrahedra");
+  common::add_threads(look);
+  common::add_json(look, o->flags);
+  look.callback([o] { info(*o); });
+
+  CLI::App& look_closer = common::add_command(
+      mesh, "check", "Say what is wrong with a mesh",
+      "'repaired' and 'warning' leave a mesh usable; with 'refused' the exit code is 3.",
+      {"nmp mesh check body.msh", "nmp mesh check body.vtk --ids 1000 --json"});
+  add_mesh_file(look_closer, *o, "FILE");
+  look_closer.add_option("--ids", o->ids, "How many vertices or tets to name for each defect")
+      ->type_name("N")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 31).description(""));
+  common::add_json(look_closer, o->flags);
+  look_closer.callback([o] { check(*o); });
+
+  CLI::App& change = common::add_command(
+      mesh, "convert", "Write a mesh in another format, turned, scaled or repaired",
+      "The endings of the names say the formats.",
+      {"nmp mesh convert body.vtu body.msh", "nmp mesh convert body.node body.vtu --up y --fix",
+       "nmp mesh convert body.msh body_m.msh --scale 0.001 --binary"});
+  add_mesh_file(change, *o, "IN");
+  change.add_option("OUT", o->out, "The file to write; of TetGen's pair either")->required();
+  change.add_flag("--fix", o->fix, "Repair what 'nmp mesh check' calls repaired");
+  change.add_flag("--binary", o->binary, "Write the binary form of the format");
+  change.add_flag("--gmsh2", o->gmsh2, "Write version 2.2 of Gmsh's format instead of 4.1");
+  common::add_force(change, o->flags);
+  common::add_json(change, o->flags);
+  change.callback([o] { convert(*o); });
+}
+
+}  // namespace nmp
