@@ -4,7 +4,7 @@
 #   check_mesh_cli.sh path/to/nmp bodies    # BOB and SPOT instead; exit 77 if NMP_MESHES lacks them
 set -u
 nmp=$(realpath "$1")
-meshes=${NMP_MESHES-}
+meshes=$(realpath -m "${NMP_MESHES:-no_meshes}")
 unset NMP_MESHES
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
