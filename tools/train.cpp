@@ -31,20 +31,6 @@ struct Options {
   common::Flags flags;
 };
 
-Json to_json(const StageReport& r) {
-  return {{"stage", r.stage},
-          {"pairing", r.pairing},
-          {"iterations", r.iterations},
-          {"planned", r.planned},
-          {"rmse_before", r.rmse_before},
-          {"rmse_after", r.rmse_after},
-          {"kept", r.kept},
-          {"rmse_kept", r.rmse_kept},
-          {"change", r.change},
-          {"change_end", r.change_end},
-          {"seconds", r.seconds}};
-}
-
 std::string stage_table(const TrainResult& result) {
   std::vector<std::vector<std::string>> rows{{"stage", "steps", "RMSE before [m]", "after", "kept",
                                               "of step", "weights moved", "by its end", "seconds"}};
@@ -115,7 +101,8 @@ void run(const Options& o) {
   if (o.flags.json) {
     Json json = {
         {"model", o.out}, {"metrics", metrics}, {"complete", complete}, {"stages", Json::array()}};
-    for (const StageReport& report : run.result.stages) json["stages"].push_back(to_json(report));
+    for (const StageReport& report : run.result.stages)
+      json["stages"].push_back(Json::parse(to_json(report)));
     common::print(json.dump(1) + "\n");
   } else {
     common::print((run.already_complete ? "" : stage_table(run.result)) + o.out + "\n" + metrics +

@@ -16,7 +16,7 @@ constexpr const char* kFormat = "nmp-checkpoint";
 constexpr Index kVersion = 1;
 constexpr const char* kOthers = "train.";  // tensors that are not the model's
 
-Json to_json(const StageReport& r) {
+Json json_of(const StageReport& r) {
   return {{"stage", r.stage},
           {"pairing", r.pairing},
           {"iterations", r.iterations},
@@ -94,6 +94,8 @@ Checkpoint read_checkpoint(const TensorFile& file) {
 
 }  // namespace
 
+std::string to_json(const StageReport& report) { return json_of(report).dump(); }
+
 Path checkpoint_path(const Path& model, Index number) {
   return Path(model).replace_extension(text(".checkpoint-", number % 2, ".safetensors"));
 }
@@ -108,9 +110,9 @@ void save_checkpoint(const Path& model_path, Index number, const RunKey& key, st
   json["stage"] = key.stage;
   json["start"] = key.start;
   json["finished"] = Json::array();
-  for (const StageReport& report : state.finished) json["finished"].push_back(to_json(report));
+  for (const StageReport& report : state.finished) json["finished"].push_back(json_of(report));
   json["done"] = state.done;
-  json["report"] = to_json(state.report);
+  json["report"] = json_of(state.report);
   json["tried"] = state.tried;
   json["refused"] = state.refused;
   json["adam_steps"] = state.adam_steps;

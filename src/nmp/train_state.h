@@ -23,6 +23,9 @@ struct StageReport {
   double seconds = 0;
 };
 
+/// One JSON object.
+std::string to_json(const StageReport& report);
+
 /// Where a training run stands between two optimiser steps. With the model's weights this is all
 /// that the rest of the run depends on: random draws are functions of the seed and the iteration.
 struct TrainState {

@@ -441,18 +441,9 @@ class Run {
     nn::set_values(parameters, state_.best);
     report.change = nn::relative_change(parameters, state_.before);
     model_.info.state = report.stage;
-    log({{"event", "stage"},
-         {"stage", report.stage},
-         {"pairing", report.pairing},
-         {"iterations", report.iterations},
-         {"planned", report.planned},
-         {"rmse_before", report.rmse_before},
-         {"rmse_after", report.rmse_after},
-         {"kept", report.kept},
-         {"rmse_kept", report.rmse_kept},
-         {"change", report.change},
-         {"change_end", report.change_end},
-         {"seconds", report.seconds}});
+    Json line = {{"event", "stage"}};
+    line.update(Json::parse(to_json(report)));
+    log(line);
     say(text(report.stage, " (", report.pairing, "): RMSE ", report.rmse_before, " -> ",
              report.rmse_after, " m, weights moved by ", 100 * report.change_end,
              " %; kept those after ", report.kept, " of ", report.iterations, " steps, ",
