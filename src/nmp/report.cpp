@@ -38,7 +38,7 @@ std::string make_report(const ReportInput& input) {
     } catch (const std::bad_alloc&) {
       throw;
     } catch (const std::exception& error) {
-      throw InputError(name + "not what nmp eval --json writes: " + error.what());
+      throw InputError(name + "not what nmp eval --json writes: " + printable(error.what()));
     }
   }
   const Training training = parse_metrics(input.metrics);

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "base/check.h"
+#include "base/json_text.h"
 
 namespace nmp::report {
 
@@ -25,6 +26,35 @@ std::vector<double> numbers(const Json& json) {
   return values;
 }
 
+// A frame, or how often something happened: no reader of JSON makes an integer of 1.5 or 1e300.
+long count(const Json& json) {
+  constexpr long kMost = 1'000'000'000;
+  if (!json.is_number_integer() || json < 0 || json > kMost)
+    throw InputError(text("expected an integer from 0 to ", kMost));
+  return json.get<long>();
+}
+
+// The number of frames that a key names.
+long frame_of(const std::string& key) {
+  const bool digits =
+      !key.empty() && key.size() <= 9 && key.find_first_not_of("0123456789") == std::string::npos;
+  if (!digits) throw InputError("expected the number of a frame, found " + in_quotes(key));
+  return std::stol(key);
+}
+
+// What the parser may be asked for; curves are long.
+JsonLimits evaluation_limits() {
+  JsonLimits limits;
+  limits.values = 1u << 22;
+  return limits;
+}
+JsonLimits line_limits() {
+  JsonLimits limits;
+  limits.values = 64;
+  limits.token_bytes = 4096;
+  return limits;
+}
+
 ModuleError parse_error(const Json& json) {
   return {number(json.at("relative")), number(json.at("rms")), number(json.at("reference"))};
 }
@@ -42,7 +72,7 @@ Modules parse_modules(const Json& json) {
   Modules modules;
   modules.stress = parse_error(json.at("stress"));
   for (const auto& [n, error] : json.at("integrator").items())
-    modules.integrator[std::stol(n)] = parse_error(error);
+    modules.integrator[frame_of(n)] = parse_error(error);
   for (const Json& each : json.at("trajectories")) {
     ModuleCurves curves;
     curves.trajectory = each.at("name").get<std::string>();
@@ -53,7 +83,7 @@ Modules parse_modules(const Json& json) {
                             curves.touching.size(), " parts that touch"));
     curves.stress = parse_curve(each.at("stress"), curves.frame.size());
     for (const auto& [n, curve] : each.at("integrator").items())
-      curves.integrator[std::stol(n)] = parse_curve(curve, curves.frame.size());
+      curves.integrator[frame_of(n)] = parse_curve(curve, curves.frame.size());
     modules.trajectories.push_back(std::move(curves));
   }
   return modules;
@@ -79,37 +109,38 @@ std::size_t rank(const std::string& method) {
 }
 
 Result parse_evaluation(const std::string& document) {
+  check_json_text(document, "document", evaluation_limits());
   const Json json = Json::parse(document);
   Result result;
   result.scene = json.at("scene").get<std::string>();
   result.model = json.at("model").get<std::string>();
   result.split = json.at("split").get<std::string>();
-  result.trajectories = json.at("trajectories").get<long>();
-  result.frames = json.at("frames").get<long>();
+  result.trajectories = count(json.at("trajectories"));
+  result.frames = count(json.at("frames"));
   result.force_error = number(json.at("force_error"));
   if (json.contains("modules")) result.modules = parse_modules(json.at("modules"));
   for (const auto& [name, horizons] : json.at("methods").items()) {
     Method method;
     method.name = name;
     for (const auto& [frame, error] : horizons.items()) {
-      Error& e = method.horizons[std::stol(frame)];
+      Error& e = method.horizons[frame_of(frame)];
       e.mean = number(error.at("rmse_mean"));
       e.std = number(error.at("rmse_std"));
       e.relative = number(error.at("relative_mean"));
       e.each = numbers(error.at("rmse_each"));
-      e.touched = error.at("touched_ground").get<long>();
+      e.touched = count(error.at("touched_ground"));
     }
     const Json& details = json.at("details").at(name);
-    method.diverged = details.at("diverged").get<long>();
-    method.clamped = details.at("clamped").get<long>();
+    method.diverged = count(details.at("diverged"));
+    method.clamped = count(details.at("clamped"));
     method.reasons = details.at("reasons").get<std::vector<std::string>>();
     method.seconds = number(details.at("seconds"));
     method.mean = numbers(details.at("curve_mean"));
     method.std = numbers(details.at("curve_std"));
     if (method.mean.size() != static_cast<std::size_t>(result.frames) + 1 ||
         method.std.size() != method.mean.size())
-      throw InputError(text("the curves of ", name, " have ", method.mean.size(), " and ",
-                            method.std.size(), " values, expected ", result.frames + 1));
+      throw InputError(text("the curves of ", printable(name), " have ", method.mean.size(),
+                            " and ", method.std.size(), " values, expected ", result.frames + 1));
     if (result.methods.empty())
       for (const auto& entry : method.horizons) result.horizons.push_back(entry.first);
     if (method.horizons.size() != result.horizons.size() ||
@@ -118,6 +149,8 @@ Result parse_evaluation(const std::string& document) {
       throw InputError("the methods have different horizons");
     result.methods.push_back(method);
   }
+  if (!result.horizons.empty() && result.horizons.back() > result.frames)
+    throw InputError(text("horizon ", result.horizons.back(), " is beyond frame ", result.frames));
   if (result.methods.empty() || result.horizons.empty()) throw InputError("it holds no error");
   std::stable_sort(result.methods.begin(), result.methods.end(),
                    [](const Method& a, const Method& b) { return rank(a.name) < rank(b.name); });
@@ -131,6 +164,7 @@ Training parse_metrics(const std::string& lines) {
   for (long n = 1; std::getline(in, line); ++n) {
     if (line.empty()) continue;
     try {
+      check_json_text(line, "text", line_limits());
       const Json json = Json::parse(line);
       const auto event = json.at("event").get<std::string>();
       if (event == "step") {
@@ -156,10 +190,10 @@ Training parse_metrics(const std::string& lines) {
         training.fit =
             Fit{number(json.at("alpha")), number(json.at("residual")), {b[0], b[1], b[2]}};
       } else {
-        throw InputError("unknown event '" + event + "'");
+        throw InputError("unknown event " + in_quotes(event));
       }
     } catch (const nlohmann::json::exception& error) {
-      throw InputError(text("metrics, line ", n, ": ", error.what()));
+      throw InputError(text("metrics, line ", n, ": ", printable(error.what())));
     } catch (const InputError& error) {
       throw InputError(text("metrics, line ", n, ": ", error.what()));
     }

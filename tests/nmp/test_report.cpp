@@ -259,12 +259,38 @@ TEST_SUITE("nmp/report") {
     input.evaluations = {to_json(bad_modules)};
     CHECK(contains(refusal(input), "3 frames and 0 parts"));
 
+    // Counts and frames: no fractions, no negative ones that fit an empty curve, no words.
+    const std::string good = to_json(evaluation(6e-4, 9e-4));
+    const auto changed = [&](const std::string& from, const std::string& to) {
+      std::string text = good;
+      const std::size_t at = text.find(from);
+      REQUIRE(at != std::string::npos);
+      input.evaluations = {text.replace(at, from.size(), to)};
+      return refusal(input);
+    };
+    for (const char* bad : {"-1", "500.5", "1e300", "true", "null", "\"500\"", "1000000001"}) {
+      CAPTURE(bad);
+      CHECK(contains(changed("\"frames\": 500", "\"frames\": " + std::string(bad)),
+                     "evaluation 1: expected an integer from 0 to 1000000000"));
+    }
+    CHECK(contains(changed("\"500\": {", "\" 500\": {"), "the number of a frame, found ' 500'"));
+    CHECK(contains(changed("\"500\": {", "\"-5\": {"), "the number of a frame, found '-5'"));
+    input.evaluations = {std::string(100'000, '[')};
+    CHECK(contains(refusal(input), "nesting depth of at most 32"));
+    Evaluation beyond = evaluation(6e-4, 9e-4);
+    beyond.frames = 99;
+    for (auto& [name, method] : beyond.methods) method.curve.resize(100);
+    input.evaluations = {to_json(beyond)};
+    CHECK(contains(refusal(input), "horizon 500 is beyond frame 99"));
+
     input.evaluations.clear();
     for (const char* bad : {"{", "{\"event\": \"step\"}", "{\"event\": \"lunch\"}", "7",
-                            "{\"event\": \"fit\", \"alpha\": 1, \"b\": [1], \"residual\": 0}"}) {
+                            "{\"event\": \"fit\", \"alpha\": 1, \"b\": [1], \"residual\": 0}",
+                            "[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[", "{\"event\": \"\x1b[31m\"}"}) {
       CAPTURE(bad);
       input.metrics = std::string(kMetrics) + bad + "\n";
       CHECK(contains(refusal(input), "metrics, line 5"));
+      CHECK_FALSE(contains(refusal(input), "\x1b"));
     }
   }
 }
