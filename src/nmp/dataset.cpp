@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/check.h"
+#include "base/json_text.h"
 #include "nmp/config.h"
 
 namespace nmp {
@@ -24,8 +25,7 @@ constexpr int kVersion = 1;
 constexpr const char* kManifestName = "manifest.json";
 constexpr const char* kMeshName = "mesh.safetensors";
 constexpr std::size_t kMaxManifest = 64u << 20;
-constexpr int kMaxDepth = 32;
-constexpr std::size_t kMaxRecords = 1'000'000;
+constexpr std::size_t kMaxRecords = 200'000;  // as many as a scene may ask for
 constexpr std::int64_t kMaxCount = std::numeric_limits<std::int32_t>::max();
 
 [[noreturn]] void refuse(const std::string& file, const std::string& place,
@@ -169,15 +169,11 @@ void check_own_checksum(const Entry& checksum, const std::string& content) {
 }
 
 Json parse_json(const std::string& content, const std::string& file) {
-  const auto limit_depth = [&](int depth, Json::parse_event_t, Json&) {
-    if (depth > kMaxDepth) {
-      throw InputError(
-          text(file, ": expected a nesting depth of at most ", kMaxDepth, ", found more"));
-    }
-    return true;
-  };
+  JsonLimits limits;
+  limits.values = 12 * kMaxRecords;
+  check_json_text(content, file, limits);
   try {
-    return Json::parse(content, limit_depth);
+    return Json::parse(content);
   } catch (const Json::parse_error& error) {
     const std::size_t end = std::min(error.byte, content.size());
     const auto begin = content.begin();
@@ -244,11 +240,14 @@ Result to_matrix(const std::vector<T>& values, Index n_columns) {
 }  // namespace
 
 Trajectory::Trajectory(const Path& path, const RecordInfo& info, Index n_vertices)
+    : Trajectory(TensorFile::open(path), info, n_vertices) {}
+
+Trajectory::Trajectory(TensorFile tensors, const RecordInfo& info, Index n_vertices)
     : info_(info), n_vertices_(n_vertices) {
   NMP_CHECK(info.frames >= 1 && info.frames < kMaxCount,
             text("frames must be from 1 to 2^31 - 2, got ", info.frames));
   NMP_CHECK(n_vertices >= 1, text("n_vertices must be >= 1, got ", n_vertices));
-  auto file = std::make_shared<TensorFile>(TensorFile::open(path));
+  auto file = std::make_shared<TensorFile>(std::move(tensors));
   check_version(*file);
   const auto find = [&](const char* name) {
     return file->bytes(file->require(name, DType::f32, {info.frames + 1, n_vertices, 3}));
@@ -311,6 +310,26 @@ fem::State<Real> Trajectory::state(Index t) const {
 
 #include "autodiff/instantiate.h"
 
+DatasetMesh read_mesh(const TensorFile& file, Index n_vertices, Index n_tets) {
+  check_version(file);
+  const auto vertices =
+      to_matrix<double, Matrix<double>>(file.values<double>("vertices", {n_vertices, 3}), 3);
+  const auto tets =
+      to_matrix<std::int32_t, fem::Tets>(file.values<std::int32_t>("tets", {n_tets, 4}), 4);
+  const auto pinned = file.values<std::int32_t>("pinned", {-1});
+  if (!vertices.allFinite()) refuse(file.name(), "vertices", "finite numbers", "others");
+  for (const std::int32_t vertex : pinned) {
+    if (vertex < 0 || vertex >= vertices.rows()) {
+      refuse(file.name(), "pinned", text("vertices from 0 to ", vertices.rows() - 1), text(vertex));
+    }
+  }
+  try {
+    return {fem::TetMesh<double>(vertices, tets), {pinned.begin(), pinned.end()}};
+  } catch (const std::invalid_argument& error) {
+    throw InputError(text(file.name(), ": ", error.what()));
+  }
+}
+
 Dataset Dataset::open(const Path& folder) {
   Dataset data;
   data.folder_ = folder;
@@ -319,26 +338,9 @@ Dataset Dataset::open(const Path& folder) {
 
   const Path mesh_path = resolve(folder, kMeshName);
   check_hash(mesh_path, manifest.mesh_checksum);
-  const TensorFile file = TensorFile::open(mesh_path);
-  check_version(file);
-  const auto vertices = to_matrix<double, Matrix<double>>(
-      file.values<double>("vertices", {manifest.n_vertices, 3}), 3);
-  const auto tets = to_matrix<std::int32_t, fem::Tets>(
-      file.values<std::int32_t>("tets", {manifest.n_tets, 4}), 4);
-  const auto pinned = file.values<std::int32_t>("pinned", {-1});
-  if (!vertices.allFinite()) refuse(file.name(), "vertices", "finite numbers", "others");
-  for (const std::int32_t vertex : pinned) {
-    if (vertex < 0 || vertex >= manifest.n_vertices) {
-      refuse(file.name(), "pinned", text("vertices from 0 to ", manifest.n_vertices - 1),
-             text(vertex));
-    }
-  }
-  manifest.physics.pinned.assign(pinned.begin(), pinned.end());
-  try {
-    data.mesh_ = std::make_shared<fem::TetMesh<double>>(vertices, tets);
-  } catch (const std::invalid_argument& error) {
-    throw InputError(text(file.name(), ": ", error.what()));
-  }
+  DatasetMesh mesh = read_mesh(TensorFile::open(mesh_path), manifest.n_vertices, manifest.n_tets);
+  manifest.physics.pinned = std::move(mesh.pinned);
+  data.mesh_ = std::make_shared<fem::TetMesh<double>>(std::move(mesh.mesh));
 
   const auto map_all = [&](const std::vector<RecordInfo>& records, std::vector<Trajectory>& out) {
     out.reserve(records.size());
@@ -417,8 +419,10 @@ void write_manifest(const Path& path, const Manifest& manifest) {
 }
 
 Manifest read_manifest(const Path& path) {
-  const std::string file = path.string();
-  const std::string content = read_text(path, kMaxManifest);
+  return parse_manifest(read_text(path, kMaxManifest), path.string());
+}
+
+Manifest parse_manifest(const std::string& content, const std::string& file) {
   const Json json = parse_json(content, file);
   const Entry root(json, file, "");
   if (root["format"].word() != kFormat) {

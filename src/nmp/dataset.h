@@ -42,6 +42,7 @@ class Trajectory {
  public:
   /// @throws InputError  if shapes or types differ from what the manifest says
   Trajectory(const Path& path, const RecordInfo& info, Index n_vertices);
+  Trajectory(TensorFile file, const RecordInfo& info, Index n_vertices);
 
   const std::string& name() const { return info_.name; }
   /// Steps; states 0 ... frames() exist.
@@ -96,11 +97,23 @@ class Dataset {
   std::vector<Trajectory> train_, validation_;
 };
 
+/// What mesh.safetensors holds.
+struct DatasetMesh {
+  fem::TetMesh<double> mesh;
+  std::vector<int> pinned;
+};
+/// @param n_vertices, n_tets  wanted counts; -1: any
+/// @throws InputError  for another shape, a pin that is no vertex, a mesh that is none
+DatasetMesh read_mesh(const TensorFile& file, Index n_vertices = -1, Index n_tets = -1);
+
 /// Writes the parts of a dataset, each atomically; the manifest last, so that a folder with a
 /// manifest is complete.
 void write_mesh(const Path& path, const fem::TetMesh<double>& mesh, const std::vector<int>& pinned);
 void write_manifest(const Path& path, const Manifest& manifest);
 Manifest read_manifest(const Path& path);
+/// @param name  stands in messages
+/// @throws InputError  with name, place, expected, found
+Manifest parse_manifest(const std::string& content, const std::string& name);
 
 /// A trajectory file in the making, frame by frame.
 class TrajectoryWriter {

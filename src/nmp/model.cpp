@@ -1,8 +1,10 @@
 #include "nmp/model.h"
 
+#include <new>
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/json_text.h"
 #include "base/safetensors.h"
 
 namespace nmp {
@@ -45,20 +47,34 @@ Json describe(const Model<float>& model) {
   return json;
 }
 
+// Widths of layers, which the library would also make of 6.5, true or 1e300.
+std::vector<Index> widths(const Json& list) {
+  constexpr std::size_t kMaxLayers = 16;
+  NMP_CHECK(list.is_array() && list.size() <= kMaxLayers,
+            text("expected a list of at most ", kMaxLayers, " widths"));
+  std::vector<Index> all;
+  for (const Json& width : list) {
+    NMP_CHECK(width.is_number_integer(), "a width is an integer");
+    all.push_back(width.get<Index>());
+  }
+  return all;
+}
+
 template <class Real>
 Model<Real> build(const Json& json, const std::string& config, Index n_weights) {
   StressNetConfig stress;
   const Json& s = json.at("stress");
-  s.at("hidden").get_to(stress.hidden);
+  stress.hidden = widths(s.at("hidden"));
   s.at("bias").get_to(stress.bias);
 
   IntegrationNetConfig integration;
   const Json& g = json.at("integration");
   g.at("form").get_to(integration.form);
   g.at("alignment").get_to(integration.alignment);
-  g.at("embedding").get_to(integration.embedding);
-  g.at("hidden").get_to(integration.hidden);
-  g.at("alignment_widths").get_to(integration.alignment_widths);
+  const std::vector<Index> sizes = widths(Json::array({g.at("embedding"), g.at("hidden")}));
+  integration.embedding = sizes[0];
+  integration.hidden = sizes[1];
+  integration.alignment_widths = widths(g.at("alignment_widths"));
   g.at("speed_limit").get_to(integration.speed_limit);
 
   // Widths come from a file: refuse, before any is allocated, layers that its weights cannot fill.
@@ -141,19 +157,31 @@ void save_model(const Path& path, Model<float>& model) {
   file.commit();
 }
 
+namespace {
+
+void check_format(const TensorFile& file) {
+  if (!file.metadata().count("format") || file.metadata("format") != kFormat)
+    throw InputError(file.name() + ": not a model: expected metadata format = " + kFormat +
+                     " (is it a trajectory or another program's file?)");
+  if (file.metadata("version") != std::to_string(kVersion))
+    throw InputError(text(file.name(), ": is of model version ",
+                          printable(file.metadata("version")), ", this program reads version ",
+                          kVersion));
+}
+
+}  // namespace
+
 template <class Real>
 Model<Real> load_model(const Path& path) {
   const TensorFile file = TensorFile::open(path);
-  const auto fail = [&](const std::string& what) -> InputError {
-    return InputError(path.string() + ": " + what);
-  };
-  if (!file.metadata().count("format") || file.metadata("format") != kFormat)
-    throw fail("not a model: expected metadata format = " + std::string(kFormat) +
-               " (is it a trajectory or another program's file?)");
-  if (file.metadata("version") != std::to_string(kVersion))
-    throw fail("is of model version " + file.metadata("version") + ", this program reads version " +
-               std::to_string(kVersion));
+  check_format(file);
   file.verify();
+  return read_model<Real>(file);
+}
+
+template <class Real>
+Model<Real> load_model(const TensorFile& file) {
+  check_format(file);
   return read_model<Real>(file);
 }
 
@@ -164,15 +192,19 @@ Model<Real> read_model(const TensorFile& file, const std::string& others) {
   };
   Index n_weights = 0;
   for (const auto& entry : file.tensors()) n_weights += entry.second.count();
+  const std::string& architecture = file.metadata("architecture");
+  JsonLimits limits;
+  limits.values = 1000;
+  check_json_text(architecture, file.name() + ": metadata 'architecture'", limits);
   const auto model_of = [&] {
     try {
-      return build<Real>(Json::parse(file.metadata("architecture")), file.metadata("config"),
-                         n_weights);
+      return build<Real>(Json::parse(architecture), file.metadata("config"), n_weights);
     } catch (const InputError&) {
       throw;
+    } catch (const std::bad_alloc&) {
+      throw;
     } catch (const std::exception& error) {
-      throw fail("the metadata 'architecture' do not describe a model: " +
-                 std::string(error.what()));
+      throw fail("the metadata 'architecture' do not describe a model: " + printable(error.what()));
     }
   };
   Model<Real> model = model_of();
@@ -194,9 +226,12 @@ Model<Real> read_model(const TensorFile& file, const std::string& others) {
   const auto is_other = [&](const std::string& name) {
     return !others.empty() && name.compare(0, others.size(), others) == 0;
   };
+  constexpr std::size_t kMaxLines = 100;
+  std::size_t n_unexpected = 0;
   for (const auto& [name, info] : file.tensors())
-    if (!known.count(name) && !is_other(name))
-      differences += "\n  unexpected " + name + " " + shape_of(info);
+    if (!known.count(name) && !is_other(name) && ++n_unexpected <= kMaxLines)
+      differences += "\n  unexpected " + printable(name) + " " + shape_of(info);
+  if (n_unexpected > kMaxLines) differences += text("\n  and ", n_unexpected - kMaxLines, " more");
   if (!differences.empty())
     throw fail("the weights are not those of the architecture it names:" + differences);
 
@@ -217,6 +252,8 @@ template struct Model<float>;
 template struct Model<double>;
 template Model<float> load_model(const Path&);
 template Model<double> load_model(const Path&);
+template Model<float> load_model(const TensorFile&);
+template Model<double> load_model(const TensorFile&);
 template Model<float> read_model(const TensorFile&, const std::string&);
 template Model<double> read_model(const TensorFile&, const std::string&);
 

@@ -44,6 +44,9 @@ void save_model(const Path& path, Model<float>& model);
 /// @throws IoError, or InputError if the file is damaged (its checksum tells) or as read_model does
 template <class Real>
 Model<Real> load_model(const Path& path);
+/// The same without looking at the checksum.
+template <class Real>
+Model<Real> load_model(const TensorFile& file);
 
 /// The two halves of both, for files that hold a model and more. Declares the weights and sets the
 /// metadata "architecture" and "config".

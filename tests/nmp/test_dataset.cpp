@@ -384,6 +384,36 @@ TEST_SUITE("nmp/dataset") {
                    "pinned: expected vertices from 0 to 26, found -1"));
   }
 
+  TEST_CASE("every part can be read from memory, without a folder") {
+    const test::Folder folder;
+    const Manifest written = write_dataset(folder.path());
+    const std::string text = get(folder / "manifest.json");
+    CHECK(parse_manifest(text, "m").mesh_checksum == written.mesh_checksum);
+    CHECK(
+        contains(test::message<InputError>([&] { parse_manifest(replaced(text, "27", "x"), "m"); }),
+                 "m: line 24: expected JSON text"));
+    CHECK(contains(
+        test::message<InputError>([&] { parse_manifest(text + std::string(3'000'000, ','), "m"); }),
+        "expected a count of values of at most 2400000, found more"));
+
+    const std::string mesh_bytes = get(folder / "mesh.safetensors");
+    const auto mesh_file = [&] {
+      return TensorFile::parse(reinterpret_cast<const std::byte*>(mesh_bytes.data()),
+                               mesh_bytes.size(), "mesh");
+    };
+    const DatasetMesh body = read_mesh(mesh_file());
+    CHECK(body.mesh.vertices() == fem::cube_mesh(3, 1).vertices());
+    CHECK(body.pinned == std::vector<int>{1, 5});
+    CHECK(contains(test::message<InputError>([&] { read_mesh(mesh_file(), 28); }),
+                   "mesh: tensor 'vertices': expected F64 of shape [28, 3]"));
+
+    const std::string record = get(folder / "train/001.safetensors");
+    const Trajectory trajectory(
+        TensorFile::parse(reinterpret_cast<const std::byte*>(record.data()), record.size(), "t"),
+        written.train[1], 27);
+    CHECK(trajectory.state<float>(2).x == random_frame(27, 220).cast<float>());
+  }
+
   TEST_CASE("a mesh without pins has an empty tensor for them") {
     const test::Folder folder;
     write_mesh(folder / "mesh.safetensors", fem::cube_mesh(2, 1), {});

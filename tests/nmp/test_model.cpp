@@ -239,7 +239,8 @@ TEST_SUITE("nmp/model") {
     CHECK(contains(refusal([](Pieces& p) { p.metadata["architecture"] = "{"; }), broken));
     CHECK(contains(refusal([](Pieces& p) { p.metadata["architecture"] = "[]"; }), broken));
     CHECK(contains(
-        refusal([](Pieces& p) { p.metadata["architecture"] = std::string(100000, '['); }), broken));
+        refusal([](Pieces& p) { p.metadata["architecture"] = std::string(100000, '['); }),
+        "metadata 'architecture': line 1: expected a nesting depth of at most 32, found more"));
     // Layers of 10^12 weights: refused before memory is asked for.
     for (const auto& [from, to] : std::vector<std::pair<std::string, std::string>>{
              {"\"hidden\":[6,5]", "\"hidden\":[1000000,1000000]"},
@@ -259,6 +260,10 @@ TEST_SUITE("nmp/model") {
                    "unexpected integration.alpha"));
     for (const auto& [from, to] : std::vector<std::pair<std::string, std::string>>{
              {"\"form\":\"affine\"", "\"form\":\"cubic\""},
+             {"\"hidden\":[6,5]", "\"hidden\":[6.5,5]"},
+             {"\"hidden\":[6,5]", "\"hidden\":[6,1e300]"},
+             {"\"hidden\":[6,5]", "\"hidden\":[6,5,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1]"},
+             {"\"embedding\":3", "\"embedding\":true"},
              {"\"alignment\":\"quaternion\"", "\"alignment\":\"none\""},
              {"\"alignment_widths\":[5,6,7]", "\"alignment_widths\":[5]"},
              {"\"positions\":\"height\"", "\"positions\":\"up\""},
