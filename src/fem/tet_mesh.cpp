@@ -69,6 +69,7 @@ TetMesh<Real>::TetMesh(const Matrix<double>& vertices, const Tets& tets) {
     double longest = 0;
     for (int a = 0; a < 4; ++a)
       for (int b = a + 1; b < 4; ++b) longest = std::max(longest, (x[a] - x[b]).norm());
+    NMP_CHECK(!std::isinf(det), text("tet ", e, " has a volume that is not finite"));
     NMP_CHECK(det > kFlat * longest * longest * longest,
               text("tet ", e, " is flat or inverted: volume ", det / 6, " m3"));
     volumes(e, 0) = det / 6;

@@ -87,6 +87,8 @@ TEST_SUITE("fem/tet_mesh") {
     Tets inverted = cube.tets();
     std::swap(inverted(2, 0), inverted(2, 1));
     CHECK(contains(error(cube.vertices(), inverted), "tet 2 is flat or inverted"));
+    CHECK(contains(error(1.1e103 * cube.vertices(), cube.tets()),
+                   "tet 0 has a volume that is not finite"));
     Matrix<double> flat = cube.vertices();
     flat.col(2) *= 1e-13;
     CHECK(contains(error(flat, cube.tets()), "tet 0 is flat or inverted"));

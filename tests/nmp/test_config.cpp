@@ -119,9 +119,18 @@ TEST_SUITE("nmp/config") {
     CHECK(refusal("side = 1\nside = 2\n").find("a.toml:2:") == 0);
     CHECK(refusal("[time]\nframes = 1\n[time]\n").find("a.toml:3:") == 0);
     CHECK(refusal("side = \n").find("a.toml:1:") == 0);
+    for (const char* key :
+         {"[=", "[=a]\n", "[.", "[.a]\n", "[", "[[", "[[=]]", "[a.=]", "= 1\n", ".a = 1\n"})
+      CHECK(refusal(key).find("a.toml:1:") == 0);
     CHECK(refusal("side = 0,5\n").find("a.toml:1:") == 0);
     CHECK(refusal("name = \"x\n").find("a.toml:1:") == 0);
     CHECK(refusal("name = \"\"\"x\n").find("a.toml:") == 0);
+    CHECK(refusal("[time]\n\xca\x93 = 1\n") ==
+          "a.toml:2:1: expected ASCII outside strings and comments, found byte 0xca");
+    CHECK(refusal("side =\xc2\xa0"
+                  "1\n")
+              .find("a.toml:1:7: expected ASCII") == 0);
+    CHECK(contains(refusal("\xef\xbb\xbf# \xca\x93\nname = \"\xca\x93\"\nsidee = 1\n"), "'sidee'"));
     CHECK(refusal("name = \"\xff\"\n").find("a.toml:1:") == 0);
     CHECK(refusal(std::string("side\0 = 1\n", 10)).find("a.toml:1:") == 0);
   }
