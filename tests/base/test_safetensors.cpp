@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "base/check.h"
+#include "base/minimal_safetensors.h"
+#include "base/random.h"
 #include "base/safetensors.h"
 
 using namespace nmp;
@@ -298,6 +300,62 @@ TEST_SUITE("base/safetensors") {
     std::memcpy(data.data(), values, 16);
     const TensorFile file = parse(file_of(header, data));
     CHECK(file.values<double>("a", {2}) == std::vector<double>{1.25, -3});
+  }
+
+  TEST_CASE("what is accepted agrees with an independent reader (UI9)") {
+    const auto compare = [](const std::string& file) {
+      const TensorFile ours = parse(file);
+      const test::MinimalReader other(file);
+      CHECK(other.metadata == ours.metadata());
+      CHECK(other.tensors.size() == ours.tensors().size());
+      for (const auto& [name, info] : ours.tensors()) {
+        REQUIRE(other.tensors.count(name) == 1);
+        const test::MinimalTensor& tensor = other.tensors.at(name);
+        CHECK(tensor.dtype == name_of(info.dtype));
+        CHECK(tensor.shape == info.shape);
+        CHECK(tensor.bytes ==
+              std::string(reinterpret_cast<const char*>(ours.bytes(info)), info.end - info.begin));
+      }
+    };
+    compare(tiny_bytes());
+    int n_accepted = 0;
+    for (const auto& entry :
+         std::filesystem::directory_iterator(NMP_TEST_DATA "/../fuzz/corpus/safetensors")) {
+      const std::string file = read_text(entry.path(), 1u << 20);
+      if (!rejection(file).empty()) continue;
+      CAPTURE(entry.path());
+      compare(file);
+      ++n_accepted;
+    }
+    CHECK(n_accepted >= 8);
+
+    const TemporaryPath temporary;
+    constexpr DType kAll[] = {DType::f32, DType::f64, DType::i32, DType::i64, DType::u8};
+    for (std::uint64_t k = 0; k < 200; ++k) {
+      const Random random = Random(k).split("tensors");
+      {
+        TensorFileWriter writer(temporary.path());
+        writer.set_metadata("k\n\"" + std::to_string(k), "\xe2\x82\xac \\ \x01");
+        std::vector<std::pair<std::string, std::int64_t>> sizes;
+        for (std::uint64_t i = 0; i < random.below(0, 6); ++i) {
+          Shape shape;
+          std::int64_t n = 1;
+          for (std::uint64_t r = 0; r < random.below(10 + i, 4); ++r) {
+            shape.push_back(static_cast<std::int64_t>(random.below(100 + 10 * i + r, 5)));
+            n *= shape.back();
+          }
+          sizes.emplace_back("t\xc3\xa9" + std::to_string(i), n);
+          writer.declare(sizes.back().first, kAll[random.below(50 + i, 5)], shape);
+        }
+        writer.begin();
+        std::vector<char> bytes(8 * 125);
+        for (std::size_t i = 0; i < bytes.size(); ++i)
+          bytes[i] = static_cast<char>(random.bits(1000 + i));
+        for (const auto& [name, n] : sizes) writer.write(name, 0, bytes.data(), n);
+        writer.commit();
+      }
+      compare(read_text(temporary.path(), 1u << 20));
+    }
   }
 
   TEST_CASE("accepts what the format allows") {
