@@ -19,13 +19,19 @@
 #define TOML_ENABLE_FORMATTERS 0
 #define TOML_MAX_NESTED_VALUES 64
 #include <toml++/impl/preprocessor.h>
-// The parser asserts that what follows a '[' begins a key before it refuses what does not ("[="):
-// an abort in debug builds, and with clang a promise to the optimiser. Neither may depend on a
-// file.
+// Two places where the parser promises the compiler what a file need not keep. That what follows a
+// '[' begins a key ("[="): an abort in debug builds; without the assertion it is refused. And that
+// letters beyond ASCII fall into certain ranges when it looks for blanks: they are none.
 #undef TOML_ASSERT
 #undef TOML_ASSERT_ASSUME
 #define TOML_ASSERT(condition) static_assert(true)
 #define TOML_ASSERT_ASSUME(condition) static_assert(true)
+#include <toml++/impl/forward_declarations.h>
+#undef TOML_UNREACHABLE
+#define TOML_UNREACHABLE return false
+#include <toml++/impl/unicode.h>
+#undef TOML_UNREACHABLE
+#define TOML_UNREACHABLE __builtin_unreachable()
 #include <toml++/toml.h>
 
 namespace nmp {
@@ -81,13 +87,10 @@ std::size_t skip_string(const std::string& text, std::size_t i) {
 }
 
 // Every part of a dotted key is a table inside a table: the parser, and the end of what it built,
-// would recurse as deep as a hostile key is long. And letters beyond ASCII lead it into code that
-// it declares unreachable; TOML has them in strings and comments only. So both are looked for
-// before anything is parsed.
+// would recurse as deep as a hostile key is long. So keys are measured before anything is parsed.
 void check_keys(const std::string& text, const std::string& name) {
   std::size_t dots = 0, line = 1, line_begin = 0;
-  const bool has_byte_order_mark = text.compare(0, 3, "\xef\xbb\xbf") == 0;
-  for (std::size_t i = has_byte_order_mark ? 3 : 0; i < text.size();) {
+  for (std::size_t i = 0; i < text.size();) {
     const char c = text[i];
     if (c == '"' || c == '\'') {
       const std::size_t end = std::min(skip_string(text, i), text.size());
@@ -102,11 +105,6 @@ void check_keys(const std::string& text, const std::string& name) {
     if (c == '#') {
       i = std::min(text.find('\n', i), text.size());
       continue;
-    }
-    if (static_cast<unsigned char>(c) >= 0x80) {
-      throw ConfigError(place(name, line, i - line_begin + 1) +
-                        ": expected ASCII outside strings and comments, found byte 0x" +
-                        hex_byte(c));
     }
     if (c == '.' && ++dots == kMaxDepth) {
       throw ConfigError(place(name, line, i - line_begin + 1) + ": expected a key of at most " +
