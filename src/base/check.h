@@ -26,6 +26,7 @@ struct InputError : std::runtime_error {
 struct NumericalError : std::runtime_error {
   using std::runtime_error::runtime_error;
   std::ptrdiff_t element = -1;  // where a law failed, if that is what happened
+  std::ptrdiff_t step = -1;     // of a simulation, where the message already tells it
 };
 
 /// A system call on a file that failed. Exit code 5.

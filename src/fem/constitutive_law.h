@@ -16,6 +16,9 @@ struct ConstitutiveLaw {
   /// @throws NumericalError  naming the element, where the law is not defined
   virtual Var<Real> stress(Var<Real> F) const = 0;
 
+  /// True if `stress` refuses det F <= 0, so that nobody else needs to look for it.
+  virtual bool refuses_inverted() const { return false; }
+
   /// x #V x 3 [m]  ->  f_int #V x 3 [N]. By default the composition deformation_gradient, stress,
   /// internal_force; a law with a faster way overrides it.
   virtual Var<Real> internal_force(const TetMesh<Real>& mesh, Var<Real> x) const;

@@ -8,8 +8,8 @@
 
 #include "base/check.h"
 #include "base/parallel.h"
+#include "fem/guard.h"
 #include "fem/lanes.h"
-#include "fem/step.h"
 
 namespace nmp::fem {
 
@@ -387,11 +387,13 @@ void LaneSimulator::Impl::move_vertices(Group& group, Index chunk) const {
           v[i] += minus_f * minus_h_over_m[place] + hg[i];
           x[i] += h * v[i];
         }
-        flags.good[part] &= v[0] * v[0] + v[1] * v[1] + v[2] * v[2] <= limit;
       }
+      // A lane that is to be stopped keeps its state: the ground does not hide what went wrong.
+      const LaneFlags good = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] <= limit;
+      flags.good[part] &= good;
       if (boundary.ground) {
         const Lanes ground = Lanes{} + *boundary.ground, zero{};
-        const LaneFlags below = x[2] < ground;
+        const LaneFlags below = (x[2] < ground) & good;
         v[2] = (below & (v[2] < zero)) ? zero : v[2];
         x[2] = below ? ground : x[2];
       }
@@ -454,10 +456,11 @@ void LaneSimulator::Impl::fail_elements(Index g, Index lane, const std::string& 
   }
   throw NumericalError(text("trajectory ", g * kLanes + lane, ", ", when,
                             ": the neo-Hookean law needs 0 < det F < inf: element ", worst,
-                            " has det F = ", J, name_vertices(mesh, worst)));
+                            " has det F = ", J, "; largest speed ",
+                            state_of(g * kLanes + lane).v.rowwise().norm().maxCoeff(), " m/s",
+                            name_vertices(mesh, worst)));
 }
 
-// Returns if pins or the ground have put the state right again.
 void LaneSimulator::Impl::fail_vertices(Index g, Index lane, Index step) const {
   const State<double> state = state_of(g * kLanes + lane);
   try {

@@ -29,6 +29,7 @@ class NeoHookean : public ConstitutiveLaw<Real> {
  public:
   NeoHookean(double E, double nu) : parameters(E, nu) {}
   Var<Real> stress(Var<Real> F) const override;
+  bool refuses_inverted() const override { return true; }
   IsotropicParameters<Real> parameters;
 };
 

@@ -4,6 +4,7 @@
 
 #include "base/check.h"
 #include "fem/deformation_gradient.h"
+#include "fem/guard.h"
 #include "fem/internal_force.h"
 #include "fem/isotropic_parameters.h"
 #include "fem/laws.h"
@@ -48,18 +49,16 @@ void Simulator<Real>::advance(State<Real>& state, Index n_steps) {
   const Real density = Real(physics_.material.density);
   const Vec3<Real> gravity = physics_.gravity.cast<Real>();
   for (Index k = 0; k < n_steps; ++k) {
+    const Index now = steps_done_ + 1;
+    check_state<Real>(mesh_, state.x, state.v, dt_, now);
     try {
       internal_force(state.x);
     } catch (const NumericalError& error) {
-      throw NumericalError(text("step ", steps_done_ + 1, ", time ",
-                                static_cast<double>(steps_done_ + 1) * static_cast<double>(dt_),
-                                " s: ", error.what(), "; largest speed ",
-                                state.v.rowwise().norm().maxCoeff(), " m/s",
-                                name_vertices(mesh_, error.element)));
+      throw at_step<Real>(error, mesh_, state.v, dt_, now);
     }
     semi_implicit_euler<Real>(mesh_, density, gravity, dt_, f_int_, dv_);
+    check_increment<Real>(mesh_, state.x, state.v, f_int_, dv_, dt_, now);
     fem::advance<Real>(mesh_, boundary_, dt_, dv_, state.x, state.v);
-    check_state<Real>(mesh_, state.x, state.v, dt_, steps_done_ + 1);
     ++steps_done_;
   }
 }

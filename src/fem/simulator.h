@@ -21,7 +21,8 @@ class Simulator {
   /// @throws std::invalid_argument  for a material, pin or step out of range
   Simulator(const TetMesh<Real>& mesh, const Physics& physics, Real dt);
 
-  /// @throws NumericalError  with the step (counted from construction), element, vertex
+  /// @throws NumericalError  as the guards of fem/guard.h, steps counted from construction; `state`
+  ///         is then the one before that step
   void advance(State<Real>& state, Index n_steps);
   /// f_int at x: #V x 3 [N], valid until the next call.
   const Matrix<Real>& internal_force(const ConstView<Real>& x);

@@ -10,6 +10,7 @@
 
 #include "base/check.h"
 #include "base/parallel.h"
+#include "fem/guard.h"
 #include "fem/lane_simulator.h"
 #include "fem/stability.h"
 #include "nmp/body.h"
@@ -135,11 +136,13 @@ bool keep(const Path& path, const std::string& scene_hash, const std::string& ch
 
 // What a group of jobs reports after each frame: true to go on.
 using FrameDone = std::function<bool()>;
+// What it reports of every state that has elements inside out, which only StVK lets be.
+using ShowInverted = std::function<void(const std::string&)>;
 
 // Simulates and writes a group of trajectories side by side. False if it was stopped.
 bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& folder,
               const std::string& scene_hash, const std::vector<Job>& group,
-              const FrameDone& frame_done) {
+              const FrameDone& frame_done, const ShowInverted& show_inverted) {
   const auto n = static_cast<Index>(group.size());
   fem::LaneSimulator simulator(mesh, scene.physics, scene.dt, n);
   std::vector<std::unique_ptr<TrajectoryWriter>> writers;
@@ -154,6 +157,13 @@ bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& 
     if (t > 0) simulator.advance(scene.substeps);
     for (Index k = 0; k < n; ++k) {
       const fem::State<double> state = simulator.state(k);
+      if (scene.physics.material.law == "stvk") {  // the neo-Hookean law refuses them itself
+        const fem::Inverted inverted = fem::count_inverted<double>(mesh, state.x);
+        if (inverted.count > 0)
+          show_inverted(text(group[static_cast<std::size_t>(k)].record->name, ", frame ", t, ": ",
+                             inverted.count, " elements are inside out, det F <= 0, the first is ",
+                             inverted.first));
+      }
       writers[static_cast<std::size_t>(k)]->write(t, state.x, state.v, simulator.internal_force(k));
     }
     if (t > 0 && !frame_done()) return false;
@@ -244,6 +254,11 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
   // 3. The trajectories, a group at a time.
   const double n_frames =
       static_cast<double>(scene.train + scene.validation) * static_cast<double>(scene.frames);
+  bool warned = false;
+  const auto show_inverted = [&](const std::string& what) {
+    if (!warned) warn(what + "; the law goes on, and more of them are not told");
+    warned = true;
+  };
   double done = n_frames - static_cast<double>(jobs.size()) * static_cast<double>(scene.frames);
   bool stopped = false;
   const std::size_t n_group =
@@ -258,7 +273,7 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
       return !(options.stop && options.stop());
     };
     try {
-      stopped = !simulate(scene, mesh, folder, scene_hash, group, frame_done);
+      stopped = !simulate(scene, mesh, folder, scene_hash, group, frame_done, show_inverted);
     } catch (const NumericalError& error) {
       const std::string& name = group.front().record->name;
       throw NumericalError(group.size() == 1 ? text(name, ": ", error.what())

@@ -114,7 +114,8 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
                                     boundary,
                                     static_cast<Real>(step),
                                     substeps,
-                                    static_cast<Real>(stagger)};
+                                    static_cast<Real>(stagger),
+                                    o.strict};
 
   std::vector<Kept> kept;
   Replay result;
@@ -137,6 +138,9 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
     result.end = roll_out<Real>(simulation, record.state<Real>(0), n_frames, show);
   } catch (const Stop&) {
   }
+  if (result.end.n_inverted > 0 && o.warn)
+    o.warn(text("elements were inside out, det F <= 0, ", result.end.n_inverted,
+                " times in all, first at ", result.end.first_inverted));
 
   if (!kept.empty()) {
     TrajectoryWriter writer(o.output, static_cast<Index>(kept.size()) - 1, mesh.n_vertices(), 0,

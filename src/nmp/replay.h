@@ -22,6 +22,7 @@ struct ReplayOptions {
   std::string integrator = "neural";     // or "semi-implicit"
   std::optional<double> E, nu;           // of an analytic law [Pa], [-]; none: the dataset's
   std::optional<double> dt;              // step of "semi-implicit" [s], divides h; none: h
+  bool strict = false;                   // an element with det F <= 0 ends the rollout
   Path output;                           // a trajectory file; empty: none is written
   std::function<void(double)> progress;  // after every frame, the part that is done
   std::function<void(const std::string&)> warn;

@@ -1,6 +1,7 @@
 #include "nmp/rollout.h"
 
 #include "autodiff/ops_basic.h"
+#include "fem/guard.h"
 #include "fem/step.h"
 #include "nmp/metrics.h"
 
@@ -32,14 +33,34 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
   fem::State<Real> state = start;
   Matrix<Real> v_reported = start.v;
   RolloutEnd end;
+  Index now = 0;  // step that is being made, from 1
+  const auto count_inverted = [&](const Matrix<Real>& x) {
+    const fem::Inverted inverted = fem::count_inverted<Real>(mesh, x);
+    if (inverted.count == 0) return;
+    if (end.n_inverted == 0)
+      end.first_inverted = text(fem::step_and_time(now, static_cast<double>(simulation.h)),
+                                ": element ", inverted.first);
+    end.n_inverted += inverted.count;
+    if (!simulation.strict) return;
+    NumericalError error(text("element ", inverted.first,
+                              " has det F = ", fem::det_F<Real>(mesh, x, inverted.first)));
+    error.element = inverted.first;
+    throw error;
+  };
   try {
+    fem::check_state<Real>(mesh, start.x, start.v, simulation.h, now);
     state.v = internal_velocity(simulation, tape.constant(start.x), tape.constant(start.v)).value();
     for (Index t = 0;; ++t) {
       for (Index k = 0; k < simulation.substeps; ++k) {
+        now = t * simulation.substeps + k + 1;
         tape.clear();
+        fem::check_state<Real>(mesh, state.x, state.v, simulation.h, now);
+        if (!simulation.law.refuses_inverted()) count_inverted(state.x);
         const Var<Real> x = tape.constant(state.x), v = tape.constant(state.v);
         const fem::Step<Real> step =
             fem::step(simulation.law, simulation.integrator, context, x, v);
+        fem::check_increment<Real>(mesh, state.x, state.v, step.f_int.value(), step.dv.value(),
+                                   simulation.h, now);
         if (k == 0) {
           if (t > 0) {
             v_reported = state.v + simulation.stagger * step.dv.value();
@@ -50,16 +71,15 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
           end.frames = t;
           if (t == n_frames) return end;
         }
-        fem::check_state<Real>(mesh, step.x.value(), step.v.value(), simulation.h,
-                               t * simulation.substeps + k + 1);
         state.x = step.x.value();
         state.v = step.v.value();
       }
     }
   } catch (const NumericalError& error) {
     end.diverged = true;
-    end.reason = text("after frame ", end.frames, ": ", error.what(),
-                      fem::name_vertices(mesh, error.element));
+    const NumericalError located =
+        error.step >= 0 ? error : fem::at_step<Real>(error, mesh, state.v, simulation.h, now);
+    end.reason = text("after frame ", end.frames, ": ", located.what());
   }
   return end;
 }

@@ -26,6 +26,7 @@ struct Simulation {
   /// dv at a start, v = v_in + s dv when reported; 0 is the paper's literal loop (design.md section
   /// 2).
   Real stagger = 0;
+  bool strict = false;  // an element with det F <= 0 ends a rollout
 };
 
 /// What a rollout shows of a frame; the matrices live until the next one.
@@ -40,12 +41,15 @@ struct RolloutEnd {
   Index frames = 0;       // frames shown after frame 0
   bool diverged = false;  // stopped before all were
   std::string reason;
+  Index n_inverted = 0;        // elements with det F <= 0, summed over the steps
+  std::string first_inverted;  // "step 12, time 0.006 s: element 7"; empty if there was none
 };
 
 /// Rolls a simulation out from `start` for n_frames frames and shows frames 0 ... n_frames, the
-/// start included. A state that is no longer finite, or a law that is not defined, ends it:
-/// `diverged`, with the step, element and vertex in `reason`. After the first frame nothing is
-/// allocated.
+/// start included. A state, force or increment that is no longer finite (fem/guard.h), or a law
+/// that is not defined, ends it before it is shown: `diverged`, with the step, element and vertex
+/// in `reason`. Elements with det F <= 0, where the law lets them be, are counted. After the first
+/// frame nothing is allocated.
 template <class Real>
 RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& start,
                     Index n_frames, const std::function<void(const Frame<Real>&)>& show);

@@ -163,7 +163,9 @@ TEST_SUITE("fem/lane_simulator") {
       const Random draw = random.split(k);
       const auto t = static_cast<Index>(draw.below(0, 10)),
                  at = static_cast<Index>(draw.below(1, 9));
-      LaneSimulator lanes(mesh, free_flight(kLaws[k % 2]), 2e-4, 10);
+      Physics physics = free_flight(kLaws[k % 2]);
+      physics.ground = -0.9;  // which must not hide a vertex that falls through it at 1e300 m/s
+      LaneSimulator lanes(mesh, physics, 2e-4, 10);
       start_all(lanes, mesh);
       lanes.advance(at);
       State<double> state = lanes.state(t);
@@ -175,6 +177,21 @@ TEST_SUITE("fem/lane_simulator") {
       CHECK(contains(what, text("trajectory ", t, ", step ", at + 1, ", time ")));
       CHECK(contains(what, "element "));
     }
+  }
+
+  TEST_CASE("the ground does not put right what fell onto it too fast") {
+    const TetMesh<double> mesh = jittered_cube(3);
+    Physics physics = free_flight("stvk");
+    physics.ground = -0.9;
+    State<double> state{mesh.rest(), Matrix<double>::Zero(27, 3)};
+    state.v(5, 2) = -1e300;
+    LaneSimulator lanes(mesh, physics, 2e-4, 1);
+    lanes.set_state(0, state);
+    const std::string lane = message<NumericalError>([&] { lanes.advance(1); });
+    CHECK(contains(lane, "trajectory 0, step 1, time 0.0002 s: vertex 5 "));
+    Simulator<double> plain(mesh, physics, 2e-4);
+    CHECK(contains(message<NumericalError>([&] { plain.advance(state, 1); }),
+                   "step 1, time 0.0002 s: vertex 5 "));
   }
 
   TEST_CASE("refuses what the plain simulator refuses, and trajectories that are not there") {

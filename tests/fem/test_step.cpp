@@ -5,6 +5,7 @@
 #include "base/check.h"
 #include "base/parallel.h"
 #include "cases.h"
+#include "fem/guard.h"
 #include "fem/laws.h"
 #include "fem/neo_hookean.h"
 #include "fem/semi_implicit_euler.h"
@@ -203,7 +204,7 @@ TEST_SUITE("fem/step") {
     int caught = 0;
     for (std::uint64_t k = 0; k < 100; ++k) {
       const Random draw = random.split(k);
-      Physics physics = free_flight(kLaws[draw.below(0, 2)]);
+      Physics physics = pinned_above_ground(kLaws[draw.below(0, 2)]);
       Simulator<double> simulator(mesh, physics, 5e-4);
       State<double> state{mesh.rest(), random_matrix(27, 3, k)};
       const auto at = static_cast<Index>(draw.below(1, 30));

@@ -284,6 +284,24 @@ TEST_SUITE("nmp/data_gen") {
         contains(test::message<ConfigError>([&] { generate_dataset(read, data); }), "NMP_MESHES"));
   }
 
+  TEST_CASE("elements inside out are warned of once, where the law lets them be") {
+    const test::Folder folder;
+    Scene scene = tiny_scene();  // so soft that it falls into itself
+    scene.physics.material = {"stvk", 1e3, 0.4, 1000};
+    scene.dt = 1e-4;
+    scene.frames = 12;
+    scene.v_min = {0, 0, -30};
+    scene.v_max = {0, 0, -30};
+    scene.random_orientation = false;
+    std::vector<std::string> warnings;
+    DataGenOptions options;
+    options.warn = [&](const std::string& message) { warnings.push_back(message); };
+    generate_dataset(scene, folder / "data", options);
+    REQUIRE(warnings.size() == 1);
+    CHECK(contains(warnings[0], ".safetensors, frame "));
+    CHECK(contains(warnings[0], "elements are inside out, det F <= 0, the first is "));
+  }
+
   TEST_CASE("pinned bodies keep their pins") {
     const test::Folder folder;
     Scene scene = tiny_scene();
