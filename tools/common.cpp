@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <charconv>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
@@ -13,6 +14,7 @@
 #include <limits>
 
 #include "base/check.h"
+#include "base/file.h"
 #include "base/parallel.h"
 
 namespace nmp::common {
@@ -86,9 +88,22 @@ void print(const std::string& text) {
     throw IoError(std::string("cannot write to standard output: ") + std::strerror(errno));
 }
 
+std::string harmless(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if ((byte < 0x20 && c != '\n') || byte == 0x7f) {
+      out += "\\x" + hex(byte).substr(14);
+    } else {
+      out += c;
+    }
+  }
+  return out;
+}
+
 void note(const std::string& line) {
   if (bar_on_terminal) bar_on_terminal->clear();
-  std::fprintf(stderr, "%s\n", line.c_str());
+  std::fprintf(stderr, "%s\n", harmless(line).c_str());
 }
 
 std::string table(const std::vector<std::vector<std::string>>& rows) {
@@ -165,6 +180,30 @@ void Progress::clear() {
   if (bar_on_terminal == this) bar_on_terminal = nullptr;
 }
 
+CLI::Validator whole_number(std::int64_t low, std::int64_t high) {
+  const auto check = [low, high](std::string& word) {
+    std::int64_t n = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), n);
+    const bool ok =
+        error == std::errc() && end == word.data() + word.size() && n >= low && n <= high;
+    return ok ? std::string()
+              : text("expected an integer from ", low, " to ", high, ", found ", in_quotes(word));
+  };
+  return CLI::Validator(check, "");
+}
+
+CLI::Validator real_number(double low, double high) {
+  const auto check = [low, high](std::string& word) {
+    double x = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), x);
+    const bool ok =
+        error == std::errc() && end == word.data() + word.size() && x >= low && x <= high;
+    return ok ? std::string()
+              : text("expected a number from ", low, " to ", high, ", found ", in_quotes(word));
+  };
+  return CLI::Validator(check, "");
+}
+
 void add_json(CLI::App& app, Flags& flags) {
   app.add_flag("--json", flags.json, "Write one JSON document to stdout, and nothing else there");
 }
@@ -178,13 +217,13 @@ void add_threads(CLI::App& app) {
          "--threads", [](int n) { set_threads(n); },
          "Number of threads; the results are the same for any number (default: all)")
       ->type_name("N")
-      ->check(CLI::Range(1, 1024).description(""));
+      ->check(whole_number(1, 1024));
 }
 
 void add_seed(CLI::App& app, Flags& flags) {
   app.add_option("--seed", flags.seed, "Seed of everything random")
       ->type_name("N")
-      ->check(CLI::Range(std::numeric_limits<std::int64_t>::max()).description(""));
+      ->check(whole_number(0, std::numeric_limits<std::int64_t>::max()));
 }
 
 void add_set(CLI::App& app, Flags& flags) {

@@ -35,7 +35,9 @@ void stop_if_requested();
 void open_standard_streams();
 /// Writes to stdout, now. @throws IoError  if it cannot be written
 void print(const std::string& text);
-/// A line on stderr, above the progress bar if there is one.
+/// Text without what a terminal would obey: control characters but for line feeds as \xNN.
+std::string harmless(const std::string& text);
+/// A line on stderr, made harmless, above the progress bar if there is one.
 void note(const std::string& line);
 
 /// Columns padded to their widest cell: the first one to the left, the others to the right.
@@ -73,6 +75,10 @@ struct Flags {
   std::optional<std::uint64_t> seed;  // none: what the configuration says
   std::vector<std::string> set;       // "table.key=value"
 };
+/// Checks of option values. Unlike CLI11's own they refuse what does not fit an integer, and NaN.
+CLI::Validator whole_number(std::int64_t low, std::int64_t high);
+CLI::Validator real_number(double low, double high);
+
 void add_json(CLI::App& app, Flags& flags);
 CLI::Option* add_force(CLI::App& app, Flags& flags);
 void add_threads(CLI::App& app);

@@ -2,7 +2,8 @@
 //   nmp data gen cube -o data/cube
 //   nmp data gen cube -o data/soft --set material.E=2e5 --set time.frames=200 --seed 7
 //   nmp data gen --mesh body.msh -o data/body
-//   nmp data info data/cube --verify
+//   nmp data info data/cube
+//   nmp data verify data/cube
 
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -12,6 +13,7 @@
 #include "nmp/data_gen.h"
 #include "nmp/dataset.h"
 #include "nmp/dataset_summary.h"
+#include "nmp/dataset_verify.h"
 #include "nmp/scene.h"
 
 namespace nmp {
@@ -20,11 +22,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct Options {
-  std::string scene;    // gen: a file, or the name of one that ships
-  std::string mesh;     // gen: a mesh file instead of the scene's body
-  std::string meshes;   // gen: one more folder to look for it in
-  std::string folder;   // of the dataset
-  bool verify = false;  // info: read every file and compare its checksum
+  std::string scene;   // gen: a file, or the name of one that ships
+  std::string mesh;    // gen: a mesh file instead of the scene's body
+  std::string meshes;  // gen: one more folder to look for it in
+  std::string folder;  // of the dataset
   common::Flags flags;
 };
 
@@ -70,23 +71,40 @@ void gen(const Options& o) {
 
 void info(const Options& o) {
   const Dataset dataset = Dataset::open(o.folder);
-  if (o.verify) dataset.verify();
   common::Progress progress("data info");
   const DatasetSummary summary = summarise(dataset, [&](double part) {
     common::stop_if_requested();
     progress.update(part);
   });
   progress.clear();
-  if (o.verify) common::note("every checksum is right");
   common::print(o.flags.json ? to_json(summary) + "\n" : to_text(summary));
+}
+
+void verify(const Options& o) {
+  common::Progress progress("data verify");
+  const DatasetCheck check = verify_dataset(o.folder, [&](double part) {
+    common::stop_if_requested();
+    progress.update(part);
+  });
+  progress.clear();
+  std::string list;
+  for (const DatasetProblem& problem : check.problems)
+    list += common::harmless(problem.file + ": " + problem.what) + "\n";
+  if (list.empty()) list = text(o.folder, ": ", check.n_files, " files, nothing wrong\n");
+  common::print(o.flags.json ? to_json(check) + "\n" : list);
+  if (check.problems.empty()) return;
+  throw InputError(text(
+      o.folder, ": ", check.problems.size(), check.problems.size() == 1 ? " problem" : " problems",
+      " in ", check.n_files, " files; nmp data gen ", o.folder, "/scene.toml -o ", o.folder,
+      " makes again what is missing or has another checksum, with --force all"));
 }
 
 }  // namespace
 
 void add_data(CLI::App& app) {
-  CLI::App& data =
-      common::add_command(app, "data", "Make a dataset of trajectories, or say what is in one", "",
-                          {"nmp data gen cube -o data/cube", "nmp data info data/cube"});
+  CLI::App& data = common::add_command(
+      app, "data", "Make a dataset of trajectories, describe or verify one", "",
+      {"nmp data gen cube -o data/cube", "nmp data info data/cube", "nmp data verify data/cube"});
   data.require_subcommand(1);
   const auto o = std::make_shared<Options>();
 
@@ -117,12 +135,20 @@ void add_data(CLI::App& app) {
 
   CLI::App& look =
       common::add_command(data, "info", "Say what is in a dataset", "",
-                          {"nmp data info data/cube", "nmp data info data/cube --verify --json"});
+                          {"nmp data info data/cube", "nmp data info data/cube --json"});
   look.add_option("DIR", o->folder, "Folder of the dataset")->required();
-  look.add_flag("--verify", o->verify, "Read every file and compare its checksum");
   common::add_threads(look);
   common::add_json(look, o->flags);
   look.callback([o] { info(*o); });
+
+  CLI::App& prove = common::add_command(
+      data, "verify", "Read every byte of a dataset and tell all that is wrong with it",
+      "Formats, shapes, checksums, finite values, pinned vertices, elements inside out, and that\n"
+      "frames follow each other. Exit code 3 if anything is wrong.",
+      {"nmp data verify data/cube", "nmp data verify data/cube --json"});
+  prove.add_option("DIR", o->folder, "Folder of the dataset")->required();
+  common::add_json(prove, o->flags);
+  prove.callback([o] { verify(*o); });
 }
 
 }  // namespace nmp

@@ -52,23 +52,6 @@ bool stays_inside(const std::string& name) {
          });
 }
 
-// The file of that name, links resolved.
-Path resolve(const Path& folder, const std::string& name) {
-  std::error_code error;
-  const Path root = fs::canonical(folder, error);
-  if (error) throw IoError(text(folder.string(), ": cannot open the folder: ", error.message()));
-  Path file = fs::weakly_canonical(root / name, error);
-  if (error) {
-    throw IoError(text((folder / name).string(), ": cannot find the file: ", error.message()));
-  }
-  if (std::mismatch(root.begin(), root.end(), file.begin(), file.end()).first != root.end()) {
-    throw InputError(
-        text((folder / name).string(),
-             ": expected a file inside the folder, found a link that leads out of it"));
-  }
-  return file;
-}
-
 // A value of the manifest and where it stands there.
 class Entry {
  public:
@@ -239,6 +222,22 @@ Result to_matrix(const std::vector<T>& values, Index n_columns) {
 
 }  // namespace
 
+Path dataset_file(const Path& folder, const std::string& name) {
+  std::error_code error;
+  const Path root = fs::canonical(folder, error);
+  if (error) throw IoError(text(folder.string(), ": cannot open the folder: ", error.message()));
+  Path file = fs::weakly_canonical(root / name, error);
+  if (error) {
+    throw IoError(text((folder / name).string(), ": cannot find the file: ", error.message()));
+  }
+  if (std::mismatch(root.begin(), root.end(), file.begin(), file.end()).first != root.end()) {
+    throw InputError(
+        text((folder / name).string(),
+             ": expected a file inside the folder, found a link that leads out of it"));
+  }
+  return file;
+}
+
 Trajectory::Trajectory(const Path& path, const RecordInfo& info, Index n_vertices)
     : Trajectory(TensorFile::open(path), info, n_vertices) {}
 
@@ -333,10 +332,10 @@ DatasetMesh read_mesh(const TensorFile& file, Index n_vertices, Index n_tets) {
 Dataset Dataset::open(const Path& folder) {
   Dataset data;
   data.folder_ = folder;
-  data.manifest_ = read_manifest(resolve(folder, kManifestName));
+  data.manifest_ = read_manifest(dataset_file(folder, kManifestName));
   Manifest& manifest = data.manifest_;
 
-  const Path mesh_path = resolve(folder, kMeshName);
+  const Path mesh_path = dataset_file(folder, kMeshName);
   check_hash(mesh_path, manifest.mesh_checksum);
   DatasetMesh mesh = read_mesh(TensorFile::open(mesh_path), manifest.n_vertices, manifest.n_tets);
   manifest.physics.pinned = std::move(mesh.pinned);
@@ -345,7 +344,7 @@ Dataset Dataset::open(const Path& folder) {
   const auto map_all = [&](const std::vector<RecordInfo>& records, std::vector<Trajectory>& out) {
     out.reserve(records.size());
     for (const RecordInfo& record : records) {
-      out.emplace_back(resolve(folder, record.name), record, manifest.n_vertices);
+      out.emplace_back(dataset_file(folder, record.name), record, manifest.n_vertices);
     }
   };
   map_all(manifest.train, data.train_);
@@ -360,7 +359,7 @@ double Dataset::stagger() const {
 void Dataset::verify() const {
   for (const auto* records : {&manifest_.train, &manifest_.validation}) {
     for (const RecordInfo& record : *records) {
-      check_hash(resolve(folder_, record.name), record.checksum);
+      check_hash(dataset_file(folder_, record.name), record.checksum);
     }
   }
 }

@@ -97,6 +97,10 @@ class Dataset {
   std::vector<Trajectory> train_, validation_;
 };
 
+/// The path of a dataset's file, links resolved.
+/// @throws InputError  if a link leads out of the folder; IoError
+Path dataset_file(const Path& folder, const std::string& name);
+
 /// What mesh.safetensors holds.
 struct DatasetMesh {
   fem::TetMesh<double> mesh;

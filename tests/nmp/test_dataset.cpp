@@ -242,6 +242,31 @@ TEST_SUITE("nmp/dataset") {
     CHECK_FALSE(accepted(whole + " "));
   }
 
+  TEST_CASE("endless and sparse files are refused without reading them") {
+    const test::Folder folder;
+    CHECK_THROWS_AS(read_manifest("/dev/zero"), IoError);
+    CHECK_THROWS_AS(Trajectory("/dev/zero", {"zero", 0, 1, ""}, 4), IoError);
+    const Path path = folder / "sparse";
+    put(path, "");
+    REQUIRE(::truncate(path.c_str(), off_t{5} << 30) == 0);
+    CHECK(contains(test::message<InputError>([&] {
+                     Trajectory(path, {"x", 0, 1, ""}, 4);
+                   }),
+                   "found a header length of 0"));
+    CHECK(contains(test::message<InputError>([&] { read_manifest(path); }),
+                   "expected at most 67108864 bytes"));
+    // A header that claims the whole of it.
+    const std::uint64_t length = (std::uint64_t{5} << 30) - 8;
+    {
+      std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+      file.write(reinterpret_cast<const char*>(&length), 8);
+    }
+    CHECK(contains(test::message<InputError>([&] {
+                     Trajectory(path, {"x", 0, 1, ""}, 4);
+                   }),
+                   "expected a header of at most 16777216 bytes"));
+  }
+
   TEST_CASE("a manifest that is not what it should be is refused with the place") {
     const std::string newer = refusal("\"version\": 1", "\"version\": 2");
     CHECK(contains(newer, "version 2, newer than version 1"));

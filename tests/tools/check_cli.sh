@@ -34,7 +34,7 @@ is_json() {
 # 1. Help and version.
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
-for command in data "data gen" "data info" train rollout eval report grad-check; do
+for command in data "data gen" "data info" "data verify" train rollout eval report grad-check; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
   grep -q '^  nmp ' stdout || complain "nmp $command --help has no example line"
@@ -43,7 +43,7 @@ done
 # 2. Command lines that are wrong: 2, nothing on stdout, and a hint.
 expect 2 && says "command" && silent
 expect 2 trian && says "did you mean train?" && silent
-expect 2 data && says "gen, info"
+expect 2 data && says "gen, info, verify"
 expect 2 data inof && says "did you mean info?"
 expect 2 eval --modle x && says "did you mean --model?" && silent
 expect 2 eval && says "--model"
@@ -83,7 +83,9 @@ quick=(--set train.constitutive.iterations=3 --set train.constitutive.batch=64
 expect 0 data gen cube -o d "${tiny[@]}" --json && is_json
 expect 0 data gen cube -o d "${tiny[@]}"
 expect 2 data gen cube -o d "${tiny[@]}" --seed 2 && says "--force"
-expect 0 data info d --verify && prints "27 vertices"
+expect 0 data info d && prints "27 vertices"
+expect 0 data verify d && prints "6 files, nothing wrong"
+expect 0 data verify d --json && is_json
 expect 0 data info d --json && is_json
 expect 0 train fast --data d -o m.safetensors "${quick[@]}" --json && is_json
 [ -s m.safetensors ] && [ -s m.metrics.jsonl ] || complain "train left no model or no metrics"
