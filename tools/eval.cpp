@@ -64,7 +64,7 @@ void add_eval(CLI::App& app) {
       ->type_name("N,N,...")
       ->delimiter(',')
       ->allow_extra_args(false)
-      ->check(CLI::PositiveNumber);
+      ->check(common::whole_number(1, 100'000'000));
   eval.add_option("--methods", o->methods, "Only these methods (default: all that there are)")
       ->type_name("NAME,...")
       ->delimiter(',')
@@ -73,7 +73,7 @@ void add_eval(CLI::App& app) {
       ->check(CLI::IsMember({"val", "train"}));
   eval.add_option("--trajectories", o->trajectories, "The first so many; 0: all")
       ->type_name("N")
-      ->check(CLI::NonNegativeNumber);
+      ->check(common::whole_number(0, 100'000'000));
   common::add_threads(eval);
   common::add_json(eval, o->flags);
   eval.callback([o] { run(*o); });

@@ -80,7 +80,10 @@ std::string explain(const CLI::App& root, const CLI::ParseError& error, int argc
         std::find(options.begin(), options.end(), word) == options.end())
       return full_name(*app) + ": there is no option " + in_quotes(word) + hint(word, options);
   }
-  return full_name(*app) + ": " + error.what();
+  constexpr std::size_t kMaxBytes = 400;  // CLI11 quotes the words that it refuses in full
+  const std::string what = error.what();
+  return full_name(*app) + ": " + what.substr(0, kMaxBytes) +
+         (what.size() > kMaxBytes ? "..." : "");
 }
 
 int run(int argc, char** argv) {
@@ -93,7 +96,16 @@ int run(int argc, char** argv) {
       "  nmp train fast --data data/cube -o cube.safetensors\n"
       "  nmp eval --model cube.safetensors --data data/cube\n"
       "  nmp report --model cube.safetensors --data data/cube -o report.html\n"
-      "'nmp COMMAND --help' says more about a command.");
+      "'nmp COMMAND --help' says more about a command.\n\n"
+      "Exit codes:\n"
+      "  0  done\n"
+      "  1  an error that should not happen\n"
+      "  2  a command line, scene or training configuration that is wrong\n"
+      "  3  a file whose content is not what its format promises\n"
+      "  4  a simulation, training or gradient check that failed\n"
+      "  5  reading or writing that failed\n"
+      "  6  not enough memory\n"
+      "  130, 143  stopped by Ctrl-C, by SIGTERM");
   app.require_subcommand(1);
   add_data(app);
   add_mesh(app);

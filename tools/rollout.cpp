@@ -22,9 +22,13 @@ struct Options {
 };
 
 void print(const Options& o, const Replay& result) {
-  Json json{{"trajectory", result.trajectory},   {"constitutive", o.replay.constitutive},
-            {"integrator", o.replay.integrator}, {"frames", result.end.frames},
-            {"diverged", result.end.diverged},   {"rmse", Json::object()}};
+  Json json{{"trajectory", result.trajectory},
+            {"constitutive", o.replay.constitutive},
+            {"integrator", o.replay.integrator},
+            {"frames", result.end.frames},
+            {"diverged", result.end.diverged},
+            {"inverted", result.end.n_inverted},
+            {"rmse", Json::object()}};
   if (!o.out.empty()) json["output"] = o.out;
   std::vector<std::vector<std::string>> rows{{"frame", "RMSE [m]"}};
   const auto compared = static_cast<Index>(result.rmse.size()) - 1;  // frames that both have
@@ -55,7 +59,8 @@ void run(const Options& o) {
   print(o, result);
   if (result.end.diverged)
     throw NumericalError("the rollout ended " + result.end.reason +
-                         (o.out.empty() ? "" : "; the frames before are in " + o.out));
+                         (o.out.empty() ? "; -o FILE keeps the frames before"
+                                        : "; the frames before are in " + o.out));
   if (options.stop()) throw common::Interrupted(text("stopped after frame ", result.end.frames));
 }
 
@@ -79,10 +84,10 @@ void add_rollout(CLI::App& app) {
       ->check(CLI::IsMember({"val", "train"}));
   rollout.add_option("--trajectory", r.trajectory, "Which of them, from 0")
       ->type_name("K")
-      ->check(CLI::NonNegativeNumber);
+      ->check(common::whole_number(0, 100'000'000));
   rollout.add_option("--frames", r.frames, "How many; 0: as many as were recorded")
       ->type_name("N")
-      ->check(CLI::Range(Index{0}, Index{100'000'000}));
+      ->check(common::whole_number(0, 100'000'000));
   rollout.add_option("--constitutive", r.constitutive, "The stress law")
       ->check(CLI::IsMember({"neural", "neo-hookean", "stvk"}));
   rollout.add_option("--integrator", r.integrator, "The time integrator")
@@ -93,6 +98,7 @@ void add_rollout(CLI::App& app) {
       ->type_name("NU");
   rollout.add_option("--dt", r.dt, "Step of semi-implicit, must divide h (default: h)")
       ->type_name("S");
+  rollout.add_flag("--strict", r.strict, "End where an element is inside out, det F <= 0");
   rollout.add_option("-o,--output", o->out, "Trajectory file to write: x, v, f_int of every frame")
       ->type_name("FILE");
   common::add_force(rollout, o->flags);

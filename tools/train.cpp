@@ -138,7 +138,7 @@ void add_train(CLI::App& app) {
       ->type_name("FILE");
   train.add_option("--max-minutes", o->max_minutes, "Save and stop after so long; 0: no limit")
       ->type_name("M")
-      ->check(CLI::Range(0.0, 1e6));
+      ->check(common::real_number(0, 1e6));
   CLI::Option* resume = train.add_flag(
       "--resume", o->resume,
       "Go on where a run of the same settings stopped, bitwise; begins if there is none");
@@ -147,7 +147,7 @@ void add_train(CLI::App& app) {
                   "Time between checkpoints; 0: after every step")
       ->type_name("M")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e6));
+      ->check(common::real_number(0, 1e6));
   train.add_flag("--ignore-save-errors", o->ignore_save_errors,
                  "Go on training if a checkpoint cannot be written, with a warning");
   common::add_set(train, o->flags);
