@@ -184,7 +184,9 @@ TEST_SUITE("nmp/report") {
     Playback& diverged = input.playbacks[1];
     diverged.law_known = false;
     diverged.prediction.clear();
-    diverged.end = {0, true, "after frame 0: <b>bang</b>"};
+    diverged.end = RolloutEnd();
+    diverged.end.diverged = true;
+    diverged.end.reason = "after frame 0: <b>bang</b>";
     html = make_report(input);
     CHECK(contains(html, "after frame 0: &lt;b&gt;bang"));
     CHECK(contains(html, "the law of the data is not known"));
