@@ -56,8 +56,9 @@ void Simulator<Real>::advance(State<Real>& state, Index n_steps) {
     } catch (const NumericalError& error) {
       throw at_step<Real>(error, mesh_, state.v, dt_, now);
     }
+    check_force<Real>(mesh_, state.x, state.v, f_int_, dt_, now);
     semi_implicit_euler<Real>(mesh_, density, gravity, dt_, f_int_, dv_);
-    check_increment<Real>(mesh_, state.x, state.v, f_int_, dv_, dt_, now);
+    check_increment<Real>(mesh_, state.x, state.v, dv_, dt_, now);
     fem::advance<Real>(mesh_, boundary_, dt_, dv_, state.x, state.v);
     ++steps_done_;
   }

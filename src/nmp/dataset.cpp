@@ -243,8 +243,8 @@ Trajectory::Trajectory(const Path& path, const RecordInfo& info, Index n_vertice
 
 Trajectory::Trajectory(TensorFile tensors, const RecordInfo& info, Index n_vertices)
     : info_(info), n_vertices_(n_vertices) {
-  NMP_CHECK(info.frames >= 1 && info.frames < kMaxCount,
-            text("frames must be from 1 to 2^31 - 2, got ", info.frames));
+  NMP_CHECK(info.frames >= 0 && info.frames < kMaxCount,
+            text("frames must be from 0 to 2^31 - 2, got ", info.frames));
   NMP_CHECK(n_vertices >= 1, text("n_vertices must be >= 1, got ", n_vertices));
   auto file = std::make_shared<TensorFile>(std::move(tensors));
   check_version(*file);
@@ -479,8 +479,8 @@ TrajectoryWriter::TrajectoryWriter(const Path& path, Index frames, Index n_verti
                                    std::uint64_t seed, double h, const std::string& scene)
     : path_(path), n_vertices_(n_vertices), file_(std::make_unique<TensorFileWriter>(path)) {
   NMP_CHECK(
-      frames >= 1 && n_vertices >= 1,
-      text("a trajectory has at least 1 step and 1 vertex, got ", frames, " and ", n_vertices));
+      frames >= 0 && n_vertices >= 1,
+      text("a trajectory has at least 0 steps and 1 vertex, got ", frames, " and ", n_vertices));
   file_->set_metadata("what", "nmp-trajectory");
   file_->set_metadata("version", std::to_string(kVersion));
   file_->set_metadata("units", "x m, v m/s, f_int N, h s");

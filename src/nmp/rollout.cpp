@@ -59,11 +59,15 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
         const Var<Real> x = tape.constant(state.x), v = tape.constant(state.v);
         const fem::Step<Real> step =
             fem::step(simulation.law, simulation.integrator, context, x, v);
-        fem::check_increment<Real>(mesh, state.x, state.v, step.f_int.value(), step.dv.value(),
-                                   simulation.h, now);
+        const auto check_increment = [&] {
+          fem::check_increment<Real>(mesh, state.x, state.v, step.dv.value(), simulation.h, now);
+        };
+        fem::check_force<Real>(mesh, state.x, state.v, step.f_int.value(), simulation.h, now);
         if (k == 0) {
-          if (t > 0) {
-            v_reported = state.v + simulation.stagger * step.dv.value();
+          v_reported = t > 0 ? state.v : start.v;
+          if (t > 0 && simulation.stagger != Real(0)) {
+            check_increment();  // what is reported needs dv
+            v_reported += simulation.stagger * step.dv.value();
             for (const int v_pinned : simulation.boundary.pinned)
               v_reported.row(v_pinned).setZero();
           }
@@ -71,6 +75,7 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
           end.frames = t;
           if (t == n_frames) return end;
         }
+        check_increment();
         state.x = step.x.value();
         state.v = step.v.value();
       }
