@@ -93,6 +93,8 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   }
   const TensorFile file = TensorFile::open(scratch());
   const test::MinimalReader other(read_text(scratch(), 1u << 20));
+  file.verify();
+  metadata["checksum"] = file.metadata("checksum");
   fuzz::require(file.metadata() == metadata && other.metadata == metadata);
   fuzz::require(file.tensors().size() == tensors.size());
   for (const auto& [name, tensor] : tensors) {
