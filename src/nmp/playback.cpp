@@ -84,16 +84,21 @@ Playback play_back(const Model<float>& model, const Dataset& dataset, const Traj
     if (progress) progress(static_cast<double>(t) / static_cast<double>(n_frames));
   };
 
-  truth.read_x<double>(0, x);  // held there if not even the first step can be made
-  truth.read_v<double>(0, v);
-  result.end =
-      roll_out<float>(simulation, truth.state<float>(0), n_frames, [&](const Frame<float>& frame) {
-        x = frame.x.cast<double>();
-        v = frame.v.cast<double>();
-        result.prediction.push_back(meter.measure(x, v));
-        det = meter.vertex_det();
-        add(frame.t);
-      });
+  const auto predict = [&](const ConstView<float>& x_t, const ConstView<float>& v_t) {
+    x = x_t.cast<double>();
+    v = v_t.cast<double>();
+    result.prediction.push_back(meter.measure(x, v));
+    det = meter.vertex_det();
+  };
+  const fem::State<float> start = truth.state<float>(0);
+  result.end = roll_out<float>(simulation, start, n_frames, [&](const Frame<float>& frame) {
+    predict(frame.x, frame.v);
+    add(frame.t);
+  });
+  if (result.prediction.empty()) {  // not even the first step can be made: held at the start
+    predict(start.x, start.v);
+    add(0);
+  }
   v.setZero();
   for (auto t = static_cast<Index>(result.rmse.size()); t <= n_frames; ++t) add(t);
   if (result.end.diverged) track.held = result.end.frames;
