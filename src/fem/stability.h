@@ -15,9 +15,8 @@ namespace nmp::fem {
 double stable_time_step(const TetMesh<double>& mesh, const Material& material,
                         const std::vector<int>& pinned = {});
 
-/// A sentence for people if a step of dt [s] is above 0.9 of that limit, which leaves room for some
-/// compression; empty otherwise. For those who are about to simulate.
-std::string stability_warning(const TetMesh<double>& mesh, const Material& material,
-                              const std::vector<int>& pinned, double dt);
+/// A sentence for people if a step of dt [s] is above 0.9 of that limit [s], which leaves room for
+/// some compression; empty otherwise. For those who are about to simulate.
+std::string stability_warning(double limit, double dt);
 
 }  // namespace nmp::fem

@@ -1,6 +1,7 @@
 #include "nmp/body.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <utility>
@@ -8,6 +9,7 @@
 #include "base/check.h"
 #include "fem/mesh_check.h"
 #include "fem/mesh_cube.h"
+#include "fem/stability.h"
 #include "nmp/config.h"
 
 namespace nmp {
@@ -69,6 +71,12 @@ std::vector<int> find_pins(const Scene& scene, const fem::TetMesh<double>& mesh)
                            extent(mesh)));
   }
   return pinned;
+}
+
+// To two significant digits.
+double rounded_down(double value) {
+  const double digit = std::pow(10, std::floor(std::log10(value)) - 1);
+  return std::floor(value / digit) * digit;
 }
 
 // A pinned body is not lifted above the ground: it must not begin below it.
@@ -133,8 +141,15 @@ Body make_body(const Scene& scene) {
 
 fem::TetMesh<double> make_mesh(const Scene& scene) { return make_body(scene).mesh; }
 
+double frame_step(double limit) { return std::min(kFrameStep, rounded_down(limit / 2)); }
+
 Scene recorded_scene(const Scene& scene, const Body& body) {
   Scene recorded = scene;
+  if (scene.dt == 0) {
+    const auto substeps = static_cast<double>(scene.substeps);
+    const double limit = fem::stable_time_step(body.mesh, scene.physics.material, body.pinned);
+    recorded.dt = frame_step(limit) / substeps;
+  }
   if (scene.shape == "file") {
     recorded.mesh_file = Path(scene.mesh_file).filename().string();
     recorded.mesh_checksum = body.mesh_checksum;

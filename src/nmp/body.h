@@ -29,8 +29,14 @@ fem::TetMesh<double> make_mesh(const Scene& scene);
 /// Where the scene's mesh file is. @throws ConfigError  with the places that were looked in
 Path find_mesh(const Scene& scene);
 
+/// The paper's time between two frames [s].
+inline constexpr double kFrameStep = 5e-4;
+/// Time between two frames [s] for a body with this stability limit [s]: half of it and at most
+/// kFrameStep. Learned modules step from frame to frame, and the limit falls under compression.
+double frame_step(double limit);
+
 /// The scene as a dataset keeps it: with the checksum of the mesh, and its file without the folder,
-/// which says nothing on another machine.
+/// which says nothing on another machine. A substep of 0 becomes the one that makes frame_step().
 Scene recorded_scene(const Scene& scene, const Body& body);
 
 }  // namespace nmp

@@ -173,15 +173,32 @@ bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& 
 }
 
 // Settings that keep the frames and are stable with some room for compression.
-std::string smaller_step(const Scene& scene, const fem::TetMesh<double>& mesh) {
+std::string smaller_step(const Scene& scene, double limit) {
   constexpr double kRoom = 0.75;
-  const double limit = fem::stable_time_step(mesh, scene.physics.material, scene.physics.pinned);
   // A step with few digits, if there is one not much smaller.
   const double most = std::ceil(scene.h() / (kRoom * limit));
   double n = most;
   while (decimal(scene.h() / n).size() > 8 && n < 1.5 * most) ++n;
   if (decimal(scene.h() / n).size() > 8) n = most;
   return text("try --set time.dt=", decimal(scene.h() / n), " --set time.substeps=", n);
+}
+
+// What the time between two frames means for this body; empty if there is nothing to say.
+std::string frame_step_warning(const Scene& scene, bool chosen, double limit) {
+  const double h = scene.h();
+  if (chosen && h < kFrameStep) {
+    return text("time.dt: frames are ", h, " s apart, half the stability limit of this mesh and ",
+                "material (", limit, " s), as learned modules step from frame to frame; the ",
+                scene.frames, " frames cover ", h * static_cast<double>(scene.frames), " s");
+  }
+  if (const std::string warning = fem::stability_warning(limit, scene.dt); !warning.empty())
+    return "time.dt: " + warning + "; " + smaller_step(scene, limit);
+  if (fem::stability_warning(limit, h).empty()) return {};
+  return text("time: frames are ", h,
+              " s apart, above 0.9 of the stability limit of this mesh and ", "material (", limit,
+              " s): the data will be fine, but learned modules step from ",
+              "frame to frame and may blow up; try --set time.dt=",
+              decimal(frame_step(limit) / static_cast<double>(scene.substeps)));
 }
 
 }  // namespace
@@ -246,9 +263,9 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
   manifest.mesh_checksum = hash_file(mesh_path);
 
   if (!jobs.empty()) {
-    const std::string warning =
-        fem::stability_warning(mesh, scene.physics.material, scene.physics.pinned, scene.dt);
-    if (!warning.empty()) warn("time.dt: " + warning + "; " + smaller_step(scene, mesh));
+    const double limit = fem::stable_time_step(mesh, scene.physics.material, scene.physics.pinned);
+    const std::string warning = frame_step_warning(scene, given.dt == 0, limit);
+    if (!warning.empty()) warn(warning);
   }
 
   // 3. The trajectories, a group at a time.

@@ -99,8 +99,9 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
                 " s"));
 
   if (o.warn && !neural_integrator(o) && (analytic || manifest.law_known)) {
-    const std::string warning = fem::stability_warning(
-        dataset.mesh(), analytic ? material(o, manifest) : physics.material, physics.pinned, step);
+    const double limit = fem::stable_time_step(
+        dataset.mesh(), analytic ? material(o, manifest) : physics.material, physics.pinned);
+    const std::string warning = fem::stability_warning(limit, step);
     if (!warning.empty()) o.warn(warning);
   }
 

@@ -62,7 +62,7 @@ void exchange(Config& config, Scene& s) {
   s.v_min = config.vector("initial.v_min", s.v_min);
   s.v_max = config.vector("initial.v_max", s.v_max);
 
-  s.dt = config.number("time.dt", s.dt, 1e-12, 1);
+  s.dt = config.number("time.dt", s.dt, s.shape == "file" ? 0 : 1e-12, 1);
   s.substeps = config.integer("time.substeps", s.substeps, 1, 1'000'000);
   s.frames = config.integer("time.frames", s.frames, 1, 10'000'000);
 
@@ -83,6 +83,7 @@ void choose_shape(ConfigReader& config, Scene& scene) {
     for (const char* key : {"mesh.shape", "mesh.checksum"}) config.drop(key);
   }
   scene.shape = "file";
+  scene.dt = 0;
 }
 
 void check_shape(const ConfigReader& config, const Scene& scene) {

@@ -51,7 +51,7 @@ struct Scene {
   Vec3<double> v_min{-2, -2, -3}, v_max{2, 2, 1};  // one velocity for the whole body [m/s]
 
   // [time]
-  double dt = 1e-5;     // substep [s]
+  double dt = 1e-5;     // substep [s]; 0: chosen for the mesh (recorded_scene), a file's default
   Index substeps = 50;  // per frame
   Index frames = 1000;
 

@@ -8,6 +8,7 @@
 
 #include "base/check.h"
 #include "fem/mesh_fixtures.h"
+#include "fem/stability.h"
 #include "nmp/folder.h"
 
 using namespace nmp;
@@ -135,6 +136,28 @@ TEST_SUITE("nmp/body") {
     CHECK(contains(
         test::message<InputError>([&] { make_body(scene); }),
         "expected the mesh with the checksum 0123456789abcdef (mesh.checksum of the scene)"));
+  }
+
+  TEST_CASE("a file's frames are half the stability limit apart, at most those of the paper") {
+    const test::Folder folder;
+    test::put(folder / "m.msh", test::kGmsh2);
+    const auto recorded = [&](const std::string& more) {
+      const Scene scene = scene_of(folder / "m.msh", more);
+      return recorded_scene(scene, make_body(scene));
+    };
+    Scene scene = recorded("[time]\nsubsteps = 20\n");
+    CHECK(scene.h() == doctest::Approx(5e-4));
+    scene = recorded("[material]\nE = 5e9\n");
+    const fem::TetMesh<double> body = make_mesh(scene_of(folder / "m.msh"));
+    const double limit = fem::stable_time_step(body, scene.physics.material);
+    CHECK(scene.h() <= limit / 2);
+    CHECK(scene.h() >= limit / 2 / 1.1);
+    CHECK(std::abs(scene.h() * 1e7 - std::round(scene.h() * 1e7)) <= 1e-6);  // two digits
+    // What is said is kept, and what was chosen is said.
+    CHECK(recorded("[time]\ndt = 1\n").dt == 1);
+    CHECK(parse_scene(to_toml(scene), "a.toml").dt == scene.dt);
+    CHECK(contains(test::message<ConfigError>([] { parse_scene("[time]\ndt = 0\n", "a.toml"); }),
+                   "time.dt"));
   }
 
   TEST_CASE("BOB and SPOT, where NMP_MESHES has them: every format, the pins of head and tail") {

@@ -229,6 +229,35 @@ TEST_SUITE("nmp/data_gen") {
     CHECK(fs::is_empty(folder / "data/train"));
   }
 
+  TEST_CASE("says what the time between frames means for learned modules") {
+    const test::Folder folder;
+    const Path mesh = folder / "two.msh";
+    put(mesh, test::kGmsh2);
+    const auto warnings = [&](const std::string& more) {
+      Scene scene =
+          parse_scene("[contact]\nground = \"none\"\n[mesh]\nfile = \"" + mesh.string() +
+                          "\"\n[dataset]\ntrain = 1\nvalidation = 1\n[time]\nframes = 2\n" + more,
+                      "a.toml");
+      std::vector<std::string> said;
+      DataGenOptions options;
+      options.warn = [&](const std::string& message) {
+        if (message.rfind("time", 0) == 0) said.push_back(message);
+      };
+      options.force = true;
+      generate_dataset(scene, folder / "data", options);
+      return said;
+    };
+    CHECK(warnings("").empty());
+    std::vector<std::string> said = warnings("[material]\nE = 5e8\n");
+    REQUIRE(said.size() == 1);
+    CHECK(contains(said[0], "half the stability limit of this mesh and material"));
+    CHECK(contains(said[0], "the 2 frames cover"));
+    said = warnings("dt = 1e-5\nsubsteps = 100\n[material]\nE = 5e8\n");
+    REQUIRE(said.size() == 1);
+    CHECK(contains(said[0], "the data will be fine"));
+    CHECK(contains(said[0], "try --set time.dt="));
+  }
+
   TEST_CASE("a mesh file: warnings, its checksum in the scene, no need of it afterwards") {
     const test::Folder folder;
     const Path mesh = folder / "two.msh", data = folder / "data";
