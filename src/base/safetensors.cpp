@@ -445,6 +445,8 @@ void TensorFile::verify() const {
   }
 }
 
+std::string TensorFile::hash() const { return hex(hash_bytes(bytes_, size_)); }
+
 const TensorInfo& TensorFile::require(const std::string& tensor, DType dtype,
                                       const std::vector<std::int64_t>& shape) const {
   const auto expected = [&] { return text(name_of(dtype), " of shape ", shape_text(shape)); };

@@ -58,6 +58,9 @@ class TensorFile {
   ///         it, and every byte is what it was then
   void verify() const;
 
+  /// XXH3 of the whole file, 16 hexadecimal digits.
+  std::string hash() const;
+
   /// The entry, checked against a wanted dtype and shape (-1 = any extent).
   /// @throws InputError  if it is missing or differs
   const TensorInfo& require(const std::string& tensor, DType dtype,

@@ -204,11 +204,11 @@ void check_version(const TensorFile& file) {
   refuse_newer(file.name(), std::stoi(digits));
 }
 
-void check_hash(const Path& path, const std::string& expected) {
-  const std::string found = hash_file(path);
+void check_hash(const std::string& file, const std::string& expected, const std::string& found) {
   if (found != expected) {
-    throw InputError(text(path.string(), ": expected the checksum ", expected,
-                          " of the manifest, found ", found));
+    throw InputError(text(file, ": expected the checksum ", expected, " of the manifest, found ",
+                          found, "; the file is damaged or not the one that belongs here: nmp data ",
+                          "verify lists all such files, nmp data gen makes them again"));
   }
 }
 
@@ -256,6 +256,8 @@ Trajectory::Trajectory(TensorFile tensors, const RecordInfo& info, Index n_verti
   if (file->contains("f_int")) f_int_ = find("f_int");
   file_ = std::move(file);
 }
+
+void Trajectory::verify() const { check_hash(file_->name(), info_.checksum, file_->hash()); }
 
 // The file is row-major, [t][vertex][xyz]; a batch is column-major. Files from elsewhere may have
 // their elements at any byte, hence memcpy (a plain load to the compiler).
@@ -336,7 +338,7 @@ Dataset Dataset::open(const Path& folder) {
   Manifest& manifest = data.manifest_;
 
   const Path mesh_path = dataset_file(folder, kMeshName);
-  check_hash(mesh_path, manifest.mesh_checksum);
+  check_hash(mesh_path.string(), manifest.mesh_checksum, hash_file(mesh_path));
   DatasetMesh mesh = read_mesh(TensorFile::open(mesh_path), manifest.n_vertices, manifest.n_tets);
   manifest.physics.pinned = std::move(mesh.pinned);
   data.mesh_ = std::make_shared<fem::TetMesh<double>>(std::move(mesh.mesh));
@@ -357,11 +359,8 @@ double Dataset::stagger() const {
 }
 
 void Dataset::verify() const {
-  for (const auto* records : {&manifest_.train, &manifest_.validation}) {
-    for (const RecordInfo& record : *records) {
-      check_hash(dataset_file(folder_, record.name), record.checksum);
-    }
-  }
+  for (const auto* records : {&train_, &validation_})
+    for (const Trajectory& record : *records) record.verify();
 }
 
 void write_mesh(const Path& path, const fem::TetMesh<double>& mesh,

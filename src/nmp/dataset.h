@@ -49,6 +49,8 @@ class Trajectory {
   Index frames() const { return info_.frames; }
   Index n_vertices() const { return n_vertices_; }
   bool has_force() const { return f_int_ != nullptr; }
+  /// @throws InputError  unless every byte of the file is what it was when the manifest was written
+  void verify() const;
 
   /// State t as #V x 3. Real: float or double.
   template <class Real>
@@ -75,7 +77,7 @@ class Trajectory {
 class Dataset {
  public:
   /// Reads the manifest and the mesh, maps the trajectories and checks shapes and the mesh's
-  /// checksum; trajectory checksums are read by verify(). Names that leave the folder are refused.
+  /// checksum; whoever goes on to use trajectories calls their verify(). Names that leave the folder are refused.
   /// @throws IoError, InputError with file, place, expected, found
   static Dataset open(const Path& folder);
 
@@ -86,6 +88,7 @@ class Dataset {
   const std::vector<Trajectory>& validation() const { return validation_; }
   /// Stagger s of the velocity convention, (1 - dt/h)/2, or 1/2 if dt is unknown (design.md 2).
   double stagger() const;
+  /// All trajectories.
   /// @throws InputError  naming the first file whose checksum differs
   void verify() const;
 

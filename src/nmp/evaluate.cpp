@@ -217,6 +217,7 @@ Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateO
   std::vector<Index> touch;
   std::vector<const Trajectory*> chosen;
   for (std::size_t i = 0; i < n; ++i) {
+    all[i].verify();
     chosen.push_back(&all[i]);
     displacement.push_back(displacements(all[i], options.horizons));
     touch.push_back(bench.first_touch(all[i]));

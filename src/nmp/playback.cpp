@@ -37,6 +37,7 @@ Playback play_back(const Model<float>& model, const Dataset& dataset, const Traj
                    const PlayerBody* body, Index stride,
                    const std::function<void(double)>& progress) {
   NMP_CHECK(stride >= 1, text("a stride is at least 1, got ", stride));
+  truth.verify();
   const Manifest& manifest = dataset.manifest();
   const fem::Physics& physics = manifest.physics;
   const Index n_vertices = dataset.mesh().n_vertices(), n_frames = truth.frames();

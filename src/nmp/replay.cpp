@@ -36,7 +36,9 @@ const Trajectory& choose(const Dataset& dataset, const ReplayOptions& o) {
   if (o.trajectory < 0 || o.trajectory >= static_cast<Index>(records.size()))
     throw ConfigError(text("there is no trajectory ", o.trajectory, ": the split has ",
                            records.size(), ", counted from 0"));
-  return records[static_cast<std::size_t>(o.trajectory)];
+  const Trajectory& record = records[static_cast<std::size_t>(o.trajectory)];
+  record.verify();
+  return record;
 }
 
 fem::Material material(const ReplayOptions& o, const Manifest& manifest) {

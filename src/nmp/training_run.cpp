@@ -86,6 +86,7 @@ TrainingRun run_training(const TrainConfig& config, const Dataset& dataset, cons
   Metrics lock(metrics_path(out));  // held for the whole run: no other can write these files
   LogFile& metrics = lock.file();
   Start start = make_start(config, dataset, options.start);
+  dataset.verify();
   const RunKey key{to_toml(start.config), hash_file(dataset.folder() / "manifest.json"),
                    options.train.stage, options.start.empty() ? "" : hash_file(options.start)};
   TrainState state;
