@@ -2,34 +2,8 @@
 # Exit codes, standard streams and files of the program.
 #   check_cli.sh path/to/nmp
 set -u
-nmp=$(realpath "$1")
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-
-complain() {
-  printf 'FAILED: %s\n' "$*" >&2
-  sed 's/^/  | /' stderr >&2
-  failures=$((failures + 1))
-}
-
-# expect CODE ARGUMENTS...: runs nmp, leaving stdout and stderr in files of these names.
-expect() {
-  local wanted=$1 code
-  shift
-  "$nmp" "$@" >stdout 2>stderr
-  code=$?
-  [ $code -eq "$wanted" ] || complain "nmp $*: exit code $code, expected $wanted"
-}
-says() { grep -qF -- "$1" stderr || complain "stderr does not say: $1"; }
-prints() { grep -qF -- "$1" stdout || complain "stdout does not hold: $1"; }
-silent() { [ ! -s stdout ] || complain "something was printed on stdout"; }
-# One JSON document and nothing else: it begins with { and ends with }, both alone at the margin.
-is_json() {
-  [ "$(head -c 1 stdout)" = "{" ] && [ "$(tail -n 1 stdout)" = "}" ] &&
-    [ "$(grep -c '^[^ ]' stdout)" -eq 2 ] || complain "stdout is not one JSON document"
-}
+# shellcheck source=tests/tools/program.sh
+source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 
 # 1. Help and version.
 expect 0 --version && prints "nmp "
@@ -152,5 +126,4 @@ says "nmp train fast --data d -o s.safetensors --resume"
 [ -s s.safetensors ] && [ -s s.metrics.jsonl ] && [ -s s.checkpoint-1.safetensors ] ||
   complain "an interrupted training saved nothing"
 
-[ $failures -eq 0 ] || exit 1
-echo "all as promised"
+finish "all as promised"

@@ -2,11 +2,8 @@
 # The same bits for any number of threads, and in every run (DT1, DT2).
 #   check_determinism.sh path/to/nmp
 set -u
-nmp=$(realpath "$1")
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
+# shellcheck source=tests/tools/program.sh
+source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 
 # everything THREADS: a dataset, 20 steps of every stage, 1000 frames; prints a hash of the results.
 everything() {
@@ -30,12 +27,9 @@ hash_of() {
 
 # 1. Threads, more than there are cores too.
 first=$(hash_of 1)
-case $first in failed*) echo "FAILED: 1 thread: $first" >&2; exit 1 ;; esac
+case $first in failed*) complain "1 thread: $first"; finish "" ;; esac
 for threads in 2 3 4 7 8 16; do
-  [ "$(hash_of $threads)" = "$first" ] || {
-    echo "FAILED: $threads threads give other bits than 1" >&2
-    failures=$((failures + 1))
-  }
+  [ "$(hash_of $threads)" = "$first" ] || complain "$threads threads give other bits than 1"
 done
 
 # 2. Twenty runs, each in an environment of another size, addresses at random.
@@ -43,13 +37,9 @@ for i in $(seq 20); do
   padding=$(head -c $((i * 371)) /dev/zero | tr '\0' x)
   rm -f r.safetensors
   PADDING=$padding "$nmp" rollout --model m.safetensors --data d -o r.safetensors --frames 1000 \
-    >stdout 2>stderr || failures=$((failures + 1))
+    >stdout 2>stderr || complain "run $i failed"
   sum=$(cksum <r.safetensors)
-  [ "${wanted:=$sum}" = "$sum" ] || {
-    echo "FAILED: run $i of the same rollout gives other bits" >&2
-    failures=$((failures + 1))
-  }
+  [ "${wanted:=$sum}" = "$sum" ] || complain "run $i of the same rollout gives other bits"
 done
 
-[ $failures -eq 0 ] || exit 1
-echo "the same bits: 1, 2, 3, 4, 7, 8, 16 threads; 20 runs"
+finish "the same bits: 1, 2, 3, 4, 7, 8, 16 threads; 20 runs"

@@ -3,35 +3,10 @@
 #   check_mesh_cli.sh path/to/nmp
 #   check_mesh_cli.sh path/to/nmp bodies    # BOB and SPOT instead; exit 77 if NMP_MESHES lacks them
 set -u
-nmp=$(realpath "$1")
 meshes=$(realpath -m "${NMP_MESHES:-no_meshes}")
 unset NMP_MESHES
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-
-complain() {
-  printf 'FAILED: %s\n' "$*" >&2
-  sed 's/^/  | /' stderr >&2
-  failures=$((failures + 1))
-}
-
-# expect CODE ARGUMENTS...: runs nmp, leaving stdout and stderr in files of these names.
-expect() {
-  local wanted=$1 code
-  shift
-  "$nmp" "$@" >stdout 2>stderr
-  code=$?
-  [ $code -eq "$wanted" ] || complain "nmp $*: exit code $code, expected $wanted"
-}
-says() { grep -qF -- "$1" stderr || complain "stderr does not say: $1"; }
-prints() { grep -qF -- "$1" stdout || complain "stdout does not hold: $1"; }
-silent() { [ ! -s stdout ] || complain "something was printed on stdout"; }
-is_json() {
-  [ "$(head -c 1 stdout)" = "{" ] && [ "$(tail -n 1 stdout)" = "}" ] &&
-    [ "$(grep -c '^[^ ]' stdout)" -eq 2 ] || complain "stdout is not one JSON document"
-}
+# shellcheck source=tests/tools/program.sh
+source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 
 tiny=(--set time.frames=24 --set time.dt=1e-4 --set time.substeps=5 --set dataset.train=2
   --set dataset.validation=1)
@@ -54,9 +29,7 @@ check_bodies() {
 if [ "${2-}" = bodies ]; then
   [ -e "$meshes/bob.msh" ] || { echo "skipped: set NMP_MESHES to the folder of BOB and SPOT"; exit 77; }
   check_bodies
-  [ $failures -eq 0 ] || exit 1
-  echo "all as promised"
-  exit 0
+  finish "all as promised"
 fi
 
 # Two tets, the second one inverted, and a vertex that neither has.
@@ -166,5 +139,4 @@ expect 0 eval --model m.safetensors --data p --json && is_json
 expect 0 rollout --model m.safetensors --data p -o r.safetensors
 expect 0 report --model m.safetensors --data p -o r.html
 
-[ $failures -eq 0 ] || exit 1
-echo "all as promised"
+finish "all as promised"

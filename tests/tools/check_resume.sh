@@ -2,20 +2,8 @@
 # Stops a training in every way a machine can, resumes it, and compares with one that never stopped.
 #   check_resume.sh path/to/nmp
 set -u
-nmp=$(realpath "$1")
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-chmod 755 "$work"
-cd "$work" || exit 1
-failures=0
-
-complain() {
-  printf 'FAILED: %s\n' "$*" >&2
-  [ -s stderr ] && tail -n 20 stderr | sed 's/^/  | /' >&2
-  failures=$((failures + 1))
-}
-skip() { printf 'SKIPPED: %s\n' "$*"; }
-says() { grep -qF -- "$1" stderr || complain "stderr does not say: $1"; }
+# shellcheck source=tests/tools/program.sh
+source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 
 # 1. What the run ends with if nothing stops it.
 "$nmp" data gen cube -o d --set mesh.vertices_per_edge=3 --set time.frames=24 --set time.dt=1e-4 \
@@ -148,5 +136,4 @@ else
   skip "read-only folder: the program cannot be run as another user here"
 fi
 
-[ $failures -eq 0 ] || exit 1
-echo "all resumed ($interrupted of 6 runs stopped by a signal)"
+finish "all resumed ($interrupted of 6 runs stopped by a signal)"

@@ -4,40 +4,9 @@
 # exit code is the documented one, and what existed is as it was.
 #   check_usage.sh path/to/nmp [sanitized]
 set -u
-nmp=$(realpath "$1")
 sanitized=${2-}
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-runs=0
-
-complain() {
-  printf 'FAILED: %s\n' "$*" >&2
-  head -c 2000 stderr | sed 's/^/  | /' >&2
-  failures=$((failures + 1))
-}
-
-# expect CODE ARGUMENTS...: runs nmp, leaving stdout and stderr in files of these names. An error
-# says something, in one line of bounded length and without control characters.
-expect() {
-  local wanted=$1 code
-  shift
-  timeout 120 "$nmp" "$@" </dev/null >stdout 2>stderr
-  code=$?
-  runs=$((runs + 1))
-  local shown
-  shown=$(printf '%s ' "$@" | head -c 200)
-  [ $code -eq "$wanted" ] || complain "nmp $shown: exit code $code, expected $wanted"
-  if [ "$wanted" -ne 0 ]; then
-    [ -s stderr ] || complain "nmp $shown: no word on stderr"
-    [ ! -s stdout ] || [ "$wanted" -eq 4 ] || [ "${2-}" = verify ] ||
-      complain "nmp $shown: an error, and something on stdout"
-    [ "$(wc -c <stderr)" -lt 20000 ] || complain "nmp $shown: a message of $(wc -c <stderr) bytes"
-    LC_ALL=C grep -q '[[:cntrl:]]' stderr && complain "nmp $shown: control characters on stderr"
-  fi
-}
-says() { grep -qF -- "$1" stderr || complain "stderr does not say: $1"; }
+# shellcheck source=tests/tools/program.sh
+source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 
 # 0. A small project to try them on.
 tiny=(--set mesh.vertices_per_edge=2 --set time.frames=24 --set time.dt=1e-4 --set time.substeps=5
@@ -226,5 +195,4 @@ else
   echo "skipped: scarce memory, since the sanitizers need more"
 fi
 
-[ $failures -eq 0 ] || exit 1
-echo "$runs command lines, all as documented"
+finish "$runs command lines, all as documented"
