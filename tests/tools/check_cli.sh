@@ -101,6 +101,17 @@ expect 3 report --model m.safetensors --data d --eval eval.json --metrics text -
 expect 5 report --model m.safetensors --data d --eval eval.json -o no_such_folder/r.html
 expect 0 grad-check --json && is_json && prints '"group": "rollout"'
 
+# A flipped bit of a trajectory is seen by everything that uses it, before anything is written.
+cp -r d damaged
+printf '\x5a' | dd of=damaged/val/000.safetensors bs=1 seek=4000 conv=notrunc status=none
+expect 3 train fast --data damaged -o n.safetensors "${quick[@]}" && says "checksum"
+[ ! -e n.safetensors ] && [ ! -e n.metrics.jsonl ] || complain "a refused training left files"
+expect 3 eval --model m.safetensors --data damaged && says "val/000.safetensors: expected"
+expect 3 rollout --model m.safetensors --data damaged -o n.safetensors && says "checksum"
+expect 0 rollout --model m.safetensors --data damaged -o n.safetensors --trajectory 1
+expect 3 report --model m.safetensors --data damaged --eval eval.json -o n.html && says "checksum"
+[ ! -e n.html ] || complain "a refused report left a file"
+
 # 5. A stdout that cannot be written is an error, and no file takes its place.
 "$nmp" --version >&- 2>stderr
 [ $? -eq 5 ] || complain "a closed stdout is not exit code 5"
