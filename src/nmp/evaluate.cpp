@@ -371,6 +371,9 @@ std::string to_table(const Evaluation& evaluation) {
       cell(number(entry.second.rmse.mean) + " +- " + number(entry.second.rmse.std));
     out << "  " << method.diverged << "\n";
   }
+  for (const auto& [name, method] : evaluation.methods)
+    if (method.clamped > 0)
+      out << name << ": the speed limit acted " << method.clamped << " times on a vertex\n";
   if (evaluation.methods.begin()->second.horizons.empty()) return out.str();
   out << "the paper's NMP     ";
   for (const auto& entry : evaluation.methods.begin()->second.horizons) {

@@ -5,6 +5,7 @@
 #include "autodiff/ops_basic.h"
 #include "autodiff/ops_dense.h"
 #include "autodiff/ops_rows.h"
+#include "fem/contact.h"
 
 namespace nmp {
 
@@ -133,9 +134,14 @@ Var<Real> IntegrationNet<Real>::dv(const fem::StepContext<Real>& context, Var<Re
           : ad::multiply_rows(f_int, x.tape().constant(context.mesh.reciprocal_vertex_volumes()));
   const Var<Real> dv = ad::scale(acceleration(batch).total, context.h);
 
-  // Speed limit on the predicted velocity; dv of a vertex below it passes bitwise.
+  // Speed limit on the predicted velocity; dv of a vertex below it passes bitwise. What the ground is
+  // about to take away does not count: a light vertex is pressed against it at any speed.
   Index n_clamped = 0;
-  const Var<Real> predicted = ad::add(v, dv);
+  Var<Real> predicted = ad::add(v, dv);
+  if (context.boundary.ground) {
+    const Var<Real> x_next = ad::add(x, ad::scale(predicted, context.h));
+    predicted = fem::project_ground(context.boundary, x_next, predicted).v;
+  }
   const Var<Real> limited =
       ad::clamp_rows(predicted, static_cast<Real>(config_.speed_limit), &n_clamped);
   n_clamped_.add(n_clamped);

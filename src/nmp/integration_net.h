@@ -30,7 +30,7 @@ struct IntegrationScales {
 ///   x~ = T (x - centroid), T by Alignment;
 ///   net = mlp(silu(embed_k(q_k)) for q = x~, x, v, f, then x~, x, v, f), all scaled;
 ///   a = alpha f / V + b + scale_a net  (form "affine"),  a = scale_a net  ("density", "paper");
-///   dv = h a, then |v + dv| is limited.
+///   dv = h a, then |v + dv| is limited, as it will be after contact with the ground.
 /// Output is an acceleration: the step size is free. The last layer of the "affine" form's net
 /// starts at zero.
 template <class Real>

@@ -45,9 +45,9 @@ struct Inputs {
 
 template <class Real>
 Matrix<Real> dv(const IntegrationNet<Real>& net, const Matrix<Real>& x, const Matrix<Real>& v,
-                const Matrix<Real>& f, double h = kH) {
+                const Matrix<Real>& f, double h = kH, std::optional<Real> ground = {}) {
   const auto mesh = fem::jittered_cube(3).cast<Real>();
-  const fem::Boundary<Real> boundary;
+  const fem::Boundary<Real> boundary{{}, ground};
   ad::Tape<Real> tape(ad::Tape<Real>::Mode::inference);
   return net.dv({mesh, Real(h), boundary}, tape.constant(x), tape.constant(v), tape.constant(f))
       .value();
@@ -273,6 +273,33 @@ TEST_SUITE("nmp/integration_net") {
     CHECK(net.n_clamped() == kVertices);
   }
 
+  TEST_CASE("the speed limit leaves alone what the ground takes away") {
+    Inputs in;
+    in.f.setZero();
+    const double z = in.x.col(2).mean();
+    auto net = make_net<double>({"affine", "centred", "free", 8, false});
+    net.set_residual_enabled(false);
+    net.set_affine(1e-3, {0, 0, -10 / kH});  // |v| is at most 5.2 m/s
+    const Matrix<double> aside = dv<double>(net, in.x, in.v, in.f, kH, z);
+    Index n_above = 0;
+    for (Index i = 0; i < kVertices; ++i) {
+      const Eigen::RowVector3d predicted = in.v.row(i) + Eigen::RowVector3d(0, 0, -10);
+      if (in.x(i, 2) + kH * predicted(2) < z) {
+        CHECK((aside.row(i) - Eigen::RowVector3d(0, 0, -10)).norm() <= 1e-14);
+        continue;
+      }
+      n_above += predicted.norm() > 8;
+      CHECK((in.v.row(i) + aside.row(i)).norm() <= 8 + 1e-14);
+    }
+    CHECK(n_above > 3);
+    CHECK(net.n_clamped() == n_above);
+    // One that slides too fast is limited on the ground, and pressed no more.
+    net.set_affine(1e-3, {20 / kH, 0, -10 / kH});
+    const Matrix<double> fast = dv<double>(net, in.x, in.v, in.f, kH, 100.0);
+    CHECK(((in.v + fast).rowwise().norm().array() - 8).abs().maxCoeff() <= 1e-14);
+    CHECK((in.v + fast).col(2).isZero(0));
+  }
+
   TEST_CASE("a batch of meshes is mesh by mesh, and chosen rows are those rows, bitwise") {
     const TwoMeshes two;
     ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
@@ -331,10 +358,12 @@ TEST_SUITE("nmp/integration_net") {
     }
   }
 
-  TEST_CASE("gradients where the speed limit acts on some vertices") {
+  TEST_CASE("gradients where the speed limit acts on some vertices, some on the ground") {
     const Choice choice{"affine", "height", "free", 3};
     NetCase<double> in_double(choice);
     NetCase<Dual> in_dual(choice);
+    in_double.boundary.ground = in_double.x.value().col(2).mean();
+    in_dual.boundary.ground = Dual(*in_double.boundary.ground);
     const auto parameters = in_double.parameters();
     const auto bars = test::gradient<double>(in_double);
     CHECK(in_double.net.n_clamped() > 0);
