@@ -1,6 +1,7 @@
 #include "nmp/integration_net.h"
 
 #include <numeric>
+#include <optional>
 
 #include "base/parallel.h"
 #include "fem/semi_implicit_euler.h"
