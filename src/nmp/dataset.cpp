@@ -207,7 +207,8 @@ void check_version(const TensorFile& file) {
 void check_hash(const std::string& file, const std::string& expected, const std::string& found) {
   if (found != expected) {
     throw InputError(text(file, ": expected the checksum ", expected, " of the manifest, found ",
-                          found, "; the file is damaged or not the one that belongs here: nmp data ",
+                          found,
+                          "; the file is damaged or not the one that belongs here: nmp data ",
                           "verify lists all such files, nmp data gen makes them again"));
   }
 }

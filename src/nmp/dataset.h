@@ -77,7 +77,8 @@ class Trajectory {
 class Dataset {
  public:
   /// Reads the manifest and the mesh, maps the trajectories and checks shapes and the mesh's
-  /// checksum; whoever goes on to use trajectories calls their verify(). Names that leave the folder are refused.
+  /// checksum; whoever goes on to use trajectories calls their verify(). Names that leave the
+  /// folder are refused.
   /// @throws IoError, InputError with file, place, expected, found
   static Dataset open(const Path& folder);
 

@@ -134,8 +134,8 @@ Var<Real> IntegrationNet<Real>::dv(const fem::StepContext<Real>& context, Var<Re
           : ad::multiply_rows(f_int, x.tape().constant(context.mesh.reciprocal_vertex_volumes()));
   const Var<Real> dv = ad::scale(acceleration(batch).total, context.h);
 
-  // Speed limit on the predicted velocity; dv of a vertex below it passes bitwise. What the ground is
-  // about to take away does not count: a light vertex is pressed against it at any speed.
+  // Speed limit on the predicted velocity; dv of a vertex below it passes bitwise. What the ground
+  // is about to take away does not count: a light vertex is pressed against it at any speed.
   Index n_clamped = 0;
   Var<Real> predicted = ad::add(v, dv);
   if (context.boundary.ground) {
