@@ -14,6 +14,9 @@
 #define NMP_UNROLL _Pragma("GCC unroll 32")
 #endif
 
+/// For small functions of vectors: a call would spill all registers.
+#define NMP_INLINE inline __attribute__((always_inline))
+
 namespace nmp {
 
 #if defined(__AVX512F__)
@@ -37,6 +40,14 @@ template <>
 struct Simd<double> {
   using Vector = double __attribute__((vector_size(kSimdBytes)));
 };
+
+/// True for the types that have vectors.
+template <class Real>
+constexpr bool kHasLanes = false;
+template <>
+inline constexpr bool kHasLanes<float> = true;
+template <>
+inline constexpr bool kHasLanes<double> = true;
 
 /// Elements of a vector.
 template <class Real>

@@ -156,7 +156,8 @@ TEST_SUITE("autodiff/polar_rotation") {
 
   TEST_CASE("the adjoint on one matrix is that of the batch") {
     const Mat3<double> F = random_mat3(12);
-    CHECK(polar_rotation_adjoint(svd_rotation_variant(F), kBar) == adjoint(F, kBar));
+    const Mat3<double> one = polar_rotation_adjoint(svd_rotation_variant(F), kBar);
+    CHECK((one - adjoint(F, kBar)).norm() <= 1e-14 * one.norm());
   }
 
   TEST_CASE("a shared decomposition gives the same bits") {

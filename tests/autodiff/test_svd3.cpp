@@ -5,6 +5,7 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <stdexcept>
 
@@ -39,15 +40,33 @@ Errors errors(const Mat3<Real>& F, const Svd3<Real>& svd) {
           error(V.transpose() * V - Long3::Identity(), 1)};
 }
 
-// The promises of SV1: accuracy, order, signs.
+template <class Real>
+Svd3<Real> row_of(const Matrix<Real>& U, const Matrix<Real>& sigma, const Matrix<Real>& V,
+                  Index e) {
+  return {load_mat3<Real>(U, e), load_mat3<Real>(V, e), load_vec3<Real>(sigma, e)};
+}
+
+// Row `row` of `rows`, the others random.
+template <class Real>
+Svd3<Real> in_batch(const Mat3<Real>& F, Index row = 17, Index rows = 37) {
+  Matrix<Real> batch(rows, 9), U(rows, 9), sigma(rows, 3), V(rows, 9);
+  for (Index e = 0; e < rows; ++e)
+    store_mat3<Real>(batch, e,
+                     e == row ? F : random_mat3(static_cast<std::uint64_t>(e)).cast<Real>());
+  svd_rotation_variant<Real>(batch, U, sigma, V);
+  return row_of<Real>(U, sigma, V, row);
+}
+
+// The promises of SV1: accuracy, order, signs; of a matrix by itself and of one in a batch.
 template <class Real>
 void check_decomposition(const Mat3<Real>& F) {
-  const Svd3<Real> svd = svd_rotation_variant(F);
-  CHECK(errors(F, svd).largest() <= 16);
-  CHECK(svd.U.template cast<double>().determinant() > 0);
-  CHECK(svd.V.template cast<double>().determinant() > 0);
-  CHECK(svd.sigma(0) >= svd.sigma(1));
-  CHECK(svd.sigma(1) >= std::abs(svd.sigma(2)));
+  for (const Svd3<Real>& svd : {svd_rotation_variant(F), in_batch(F)}) {
+    CHECK(errors(F, svd).largest() <= 16);
+    CHECK(svd.U.template cast<double>().determinant() > 0);
+    CHECK(svd.V.template cast<double>().determinant() > 0);
+    CHECK(svd.sigma(0) >= svd.sigma(1));
+    CHECK(svd.sigma(1) >= std::abs(svd.sigma(2)));
+  }
 }
 
 // Largest and smallest scales at which every entry and singular value is a normal number.
@@ -59,11 +78,10 @@ constexpr double kHuge = std::is_same_v<Real, float> ? 1e30 : 1e150;
 TEST_SUITE("autodiff/svd3") {
   TEST_CASE_TEMPLATE("100000 random matrices are decomposed to 16 rounding units", Real, float,
                      double) {
+    constexpr Index kMatrices = 100000;
     Errors worst{};
     int wrong_order = 0, wrong_sign = 0;
-    for (std::uint64_t k = 0; k < 100000; ++k) {
-      const Mat3<Real> F = random_mat3(k).template cast<Real>();
-      const Svd3<Real> svd = svd_rotation_variant(F);
+    const auto add = [&](const Mat3<Real>& F, const Svd3<Real>& svd) {
       const Errors found = errors(F, svd);
       worst.reconstruction = std::max(worst.reconstruction, found.reconstruction);
       worst.U = std::max(worst.U, found.U);
@@ -71,6 +89,20 @@ TEST_SUITE("autodiff/svd3") {
       wrong_order += !(svd.sigma(0) >= svd.sigma(1) && svd.sigma(1) >= std::abs(svd.sigma(2)));
       const double det = F.template cast<double>().determinant();
       wrong_sign += std::abs(det) > 32 * kUnit<Real> && (det > 0) != (svd.sigma(2) > 0);
+    };
+    Matrix<Real> batch(kMatrices, 9), U(kMatrices, 9), sigma(kMatrices, 3), V(kMatrices, 9);
+    for (Index k = 0; k < kMatrices; ++k)
+      store_mat3<Real>(batch, k, random_mat3(static_cast<std::uint64_t>(k)).cast<Real>());
+    SUBCASE("one by one") {
+      for (Index k = 0; k < kMatrices; ++k) {
+        const Mat3<Real> F = load_mat3<Real>(batch, k);
+        add(F, svd_rotation_variant(F));
+      }
+    }
+    SUBCASE("all at once") {
+      svd_rotation_variant<Real>(batch, U, sigma, V);
+      for (Index k = 0; k < kMatrices; ++k)
+        add(load_mat3<Real>(batch, k), row_of<Real>(U, sigma, V, k));
     }
     CHECK(worst.reconstruction <= 16);  // measured 5
     CHECK(worst.U <= 16);               // measured 9
@@ -98,10 +130,12 @@ TEST_SUITE("autodiff/svd3") {
   }
 
   TEST_CASE_TEMPLATE("at F = I every factor is exactly I", Real, float, double) {
-    const Svd3<Real> svd = svd_rotation_variant<Real>(Mat3<Real>::Identity());
-    CHECK(svd.U == Mat3<Real>::Identity());
-    CHECK(svd.V == Mat3<Real>::Identity());
-    CHECK(svd.sigma == Vec3<Real>::Ones());
+    const Mat3<Real> I = Mat3<Real>::Identity();
+    for (const Svd3<Real>& svd : {svd_rotation_variant<Real>(I), in_batch<Real>(I)}) {
+      CHECK(svd.U == I);
+      CHECK(svd.V == I);
+      CHECK(svd.sigma == Vec3<Real>::Ones());
+    }
   }
 
   TEST_CASE_TEMPLATE("scaled rotations, repeated values and reflections", Real, float, double) {
@@ -185,9 +219,10 @@ TEST_SUITE("autodiff/svd3") {
   TEST_CASE_TEMPLATE("the rotation of a rotation is itself", Real, float, double) {
     for (std::uint64_t k = 0; k < 1000; ++k) {
       const Mat3<Real> Q = random_rotation(k).cast<Real>();
-      const Svd3<Real> svd = svd_rotation_variant(Q);
-      const Mat3<Real> R = svd.U * svd.V.transpose();
-      CHECK(double((R - Q).cwiseAbs().maxCoeff()) <= 16 * kUnit<Real>);  // measured 9 u
+      for (const Svd3<Real>& svd : {svd_rotation_variant(Q), in_batch(Q)}) {
+        const Mat3<Real> R = svd.U * svd.V.transpose();
+        CHECK(double((R - Q).cwiseAbs().maxCoeff()) <= 16 * kUnit<Real>);  // measured 9 u
+      }
     }
   }
 
@@ -198,32 +233,59 @@ TEST_SUITE("autodiff/svd3") {
       for (int i = 0; i < 9; ++i) {
         Mat3<Real> F = random_mat3(2).cast<Real>();
         F.data()[i] = bad;
-        const Svd3<Real> svd = svd_rotation_variant(F);
-        CHECK(svd.U.array().isNaN().all());
-        CHECK(svd.V.array().isNaN().all());
-        CHECK(svd.sigma.array().isNaN().all());
+        for (const Svd3<Real>& svd : {svd_rotation_variant(F), in_batch(F)}) {
+          CHECK(svd.U.array().isNaN().all());
+          CHECK(svd.V.array().isNaN().all());
+          CHECK(svd.sigma.array().isNaN().all());
+        }
       }
     }
   }
 
-  TEST_CASE("a batch gives the bits of its rows, for strided views and any number of threads") {
+  TEST_CASE_TEMPLATE("a row's bits do not depend on its place or on its neighbours", Real, float,
+                     double) {
+    const auto same = [](const Svd3<Real>& a, const Svd3<Real>& b) {
+      return std::memcmp(a.U.data(), b.U.data(), sizeof a.U) == 0 &&
+             std::memcmp(a.V.data(), b.V.data(), sizeof a.V) == 0 &&
+             std::memcmp(a.sigma.data(), b.sigma.data(), sizeof a.sigma) == 0;
+    };
+    for (std::uint64_t k = 0; k < 200; ++k) {
+      Mat3<Real> F = random_mat3(k).cast<Real>();
+      if (k % 4 == 0) F = Vec3<Real>(1, Real(k), -2).asDiagonal();  // zeros keep their signs
+      if (k % 4 == 1) F = random_rotation(k).cast<Real>();
+      const Svd3<Real> alone = in_batch<Real>(F, 0, 1);
+      CHECK(same(in_batch<Real>(F, 0, 2), alone));
+      CHECK(same(in_batch<Real>(F, 50, 130), alone));
+      CHECK(same(in_batch<Real>(F, 129, 130), alone));
+    }
+  }
+
+  TEST_CASE("a batch agrees with its rows, for strided views and any number of threads") {
     for (const Index n : {Index(0), Index(1), Index(64), Index(200)}) {
       const Matrix<double> wide = random_matrix(n + 3, 20, 9);
       const ConstView<double> F = wide.block(2, 5, n, 9);
-      Matrix<double> U(n + 1, 9), sigma(n + 2, 3), V(n, 9);
+      Matrix<double> U(n + 1, 9), sigma(n + 2, 3), V(n, 9), U_first, sigma_first, V_first;
       for (const int n_threads : {1, 3}) {
         set_threads(n_threads);
         U.setZero();
         sigma.setZero();
         V.setZero();
         svd_rotation_variant<double>(F, U.topRows(n), sigma.bottomRows(n), V);
-        bool same = true;
         for (Index e = 0; e < n; ++e) {
           const Svd3<double> one = svd_rotation_variant<double>(load_mat3<double>(F, e));
-          same &= load_mat3<double>(U, e) == one.U && load_mat3<double>(V, e) == one.V &&
-                  load_vec3<double>(sigma.bottomRows(n), e) == one.sigma;
+          CHECK((load_vec3<double>(sigma.bottomRows(n), e) - one.sigma).norm() <=
+                8e-15 * one.sigma(0));
+          const Mat3<double> R = load_mat3<double>(U, e) * load_mat3<double>(V, e).transpose();
+          CHECK((R - one.U * one.V.transpose()).norm() <=
+                1e-13 / std::min(1.0, one.sigma(1) + one.sigma(2)));
         }
-        CHECK(same);
+        if (n_threads == 1) {
+          U_first = U, sigma_first = sigma, V_first = V;
+        } else {
+          CHECK(U == U_first);
+          CHECK(sigma == sigma_first);
+          CHECK(V == V_first);
+        }
       }
       set_threads(0);
     }
