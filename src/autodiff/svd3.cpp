@@ -150,7 +150,7 @@ namespace {
 // single one would wait for the results of its square roots and divisions
 
 template <class Real>
-constexpr int kSets = 3;
+constexpr int kSets = 4;
 
 // Column j, component i in [j][i].
 template <class Real>

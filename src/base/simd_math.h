@@ -5,6 +5,10 @@
 
 #include "base/simd.h"
 
+#if defined(__AVX512DQ__)
+#include <immintrin.h>
+#endif
+
 /// Functions of SIMD vectors, without branches: a lane's bits do not depend on the other lanes.
 namespace nmp {
 
@@ -48,9 +52,14 @@ NMP_INLINE Lanes<Real> absolute(Lanes<Real> x) {
 
 template <class Real>
 NMP_INLINE bool any(LaneMask<Real> mask) {
+#if defined(__AVX512DQ__)
+  if constexpr (sizeof(Real) == 4) return _mm512_movepi32_mask((__m512i)mask) != 0;
+  return _mm512_movepi64_mask((__m512i)mask) != 0;
+#else
   typename LaneBits<Real>::Element bits = 0;
   for (int l = 0; l < kLanes<Real>; ++l) bits |= mask[l];
   return bits != 0;
+#endif
 }
 
 namespace detail {
@@ -63,8 +72,10 @@ struct Exponential<float> {
                                 0x1.6d1110p-10f};
   static constexpr float ln2_high = 0x1.62e4p-1f, ln2_low = 0x1.7f7d1cp-20f;
   static constexpr float rounder = 0x1.8p23f;  // x + rounder has the nearest integer to x last
-  static constexpr float largest = 104;        // e^-104 is 0
-  static constexpr std::int32_t bias = 127, mantissa = 23;
+  static constexpr float largest = 112;        // 112 e^-112 is 0
+  static constexpr std::int32_t bias = 127, mantissa = 23, lift = 64;
+  static constexpr float normal = 86;  // x e^-x is a normal number up to there
+  static constexpr float unlift = 0x1p-64f;
 };
 template <>
 struct Exponential<double> {
@@ -74,59 +85,90 @@ struct Exponential<double> {
       0x1.289185613a3d6p-22, 0x1.af38a9b0ec855p-26};
   static constexpr double ln2_high = 0x1.62e42feep-1, ln2_low = 0x1.a39ef35793c76p-33;
   static constexpr double rounder = 0x1.8p52;
-  static constexpr double largest = 746;
-  static constexpr std::int64_t bias = 1023, mantissa = 52;
+  static constexpr double largest = 760;
+  static constexpr std::int64_t bias = 1023, mantissa = 52, lift = 128;
+  static constexpr double normal = 707;
+  static constexpr double unlift = 0x1p-128;
 };
 }  // namespace detail
 
-/// e^-|x|, NaN counting as a large number.
+/// y = x sigma(x), sigma(x) = 1 / (1 + e^-x) and 1 - sigma(x), each to 4 ulp, also where they are
+/// no longer normal numbers. A NaN stays one.
 template <class Real>
-NMP_INLINE Lanes<Real> exp_of_minus_absolute(Lanes<Real> x) {
-  using E = detail::Exponential<Real>;
+struct Silu {
+  Lanes<Real> y, sigma, complement;
+  /// dy/dx = sigma (1 + x (1 - sigma)).
+  Lanes<Real> slope;
+};
+
+namespace detail {
+// In `far` lanes, e^-|x| may not be a normal number: its powers of two come last, in two parts.
+// Other lanes get the same bits with and without.
+template <class Real, bool far>
+NMP_INLINE Silu<Real> silu_of(Lanes<Real> x) {
+  using E = Exponential<Real>;
   using V = Lanes<Real>;
   using Bits = LaneMask<Real>;
-  const V size = absolute<Real>(x);
-  const V limit = all_lanes<Real>(E::largest);
-  const V y = -(size < limit ? size : limit);
-  // y = k ln 2 + r.
-  const V rounded = y * Real(1.4426950408889634) + E::rounder;
+  V a = x, t = absolute<Real>(x);
+  if constexpr (far) {
+    const V lowest = all_lanes<Real>(-E::largest), highest = all_lanes<Real>(E::largest);
+    a = x < lowest ? lowest : x;
+    t = t > highest ? highest : t;
+  }
+  // e^-t = 2^k e^r.
+  const V rounded = E::rounder - t * Real(1.4426950408889634);
   const V k = rounded - E::rounder;
-  const V r = (y - k * E::ln2_high) - k * E::ln2_low;
+  const V r = (-t - k * E::ln2_high) - k * E::ln2_low;
   constexpr int n = sizeof(E::p) / sizeof(E::p[0]);
   V p = all_lanes<Real>(E::p[n - 1]);
   NMP_UNROLL
   for (int i = n - 2; i >= 0; --i) p = p * r + E::p[i];
-  // times 2^(k + 64), then 2^-64, since 2^k itself may have no exponent of its own.
+  p = r * r * p + r + Real(1);
   const Bits exponent = reinterpret_cast<Bits>(rounded) -
-                        reinterpret_cast<Bits>(all_lanes<Real>(E::rounder)) + (E::bias + 64);
+                        reinterpret_cast<Bits>(all_lanes<Real>(E::rounder)) +
+                        (E::bias + (far ? E::lift : 0));
   const V power = reinterpret_cast<V>(exponent << E::mantissa);
-  return (r * r * p + r + Real(1)) * power * Real(0x1p-64);
+  const Bits negative = a < Real(0);
+  Silu<Real> result;
+  if constexpr (far) {
+    const V tail = all_lanes<Real>(E::unlift), one = all_lanes<Real>(1);
+    const V large = Real(1) / (Real(1) + p * power * tail), small = p * large;
+    const V first = negative ? power : one, second = negative ? tail : one;
+    const V q = negative ? small : large;
+    result.y = a * q * first * second;
+    result.sigma = q * first * second;
+    result.complement = negative ? large : small * power * tail;
+  } else {
+    const V e = p * power, large = Real(1) / (Real(1) + e), small = e * large;
+    result.sigma = negative ? small : large;
+    result.y = a * result.sigma;
+    result.complement = negative ? large : small;
+  }
+  result.slope = result.sigma * (Real(1) + (negative ? a : t) * result.complement);
+  return result;
 }
 
-/// sigma(x) = 1 / (1 + e^-x) and 1 - sigma(x), each to about 2 ulp.
 template <class Real>
-struct Sigmoid {
-  Lanes<Real> value, complement;
-};
+[[gnu::noinline]] Silu<Real> silu_far(Lanes<Real> x) {
+  return silu_of<Real, true>(x);
+}
+}  // namespace detail
+
 template <class Real>
-NMP_INLINE Sigmoid<Real> sigmoid(Lanes<Real> x) {
-  const Lanes<Real> e = exp_of_minus_absolute<Real>(x);
-  const Lanes<Real> large = Real(1) / (Real(1) + e), small = e * large;
-  const LaneMask<Real> positive = x > Real(0);
-  return {positive ? large : small, positive ? small : large};
+NMP_INLINE Silu<Real> silu_parts(Lanes<Real> x) {
+  // Not true of a NaN.
+  const LaneMask<Real> near = absolute<Real>(x) <= Real(detail::Exponential<Real>::normal);
+  if (__builtin_expect(any<Real>(~near), 0)) return detail::silu_far<Real>(x);
+  return detail::silu_of<Real, false>(x);
 }
 
-/// x sigma(x), to 4 ulp for |x| <= 88.
 template <class Real>
 NMP_INLINE Lanes<Real> silu(Lanes<Real> x) {
-  return x * sigmoid<Real>(x).value;
+  return silu_parts<Real>(x).y;
 }
-
-/// Its derivative sigma (1 + x (1 - sigma)).
 template <class Real>
 NMP_INLINE Lanes<Real> silu_slope(Lanes<Real> x) {
-  const Sigmoid<Real> s = sigmoid<Real>(x);
-  return s.value * (Real(1) + x * s.complement);
+  return silu_parts<Real>(x).slope;
 }
 
 }  // namespace nmp

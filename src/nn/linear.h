@@ -25,6 +25,7 @@ class Linear {
   const ad::Parameter<Real>& W() const { return W_; }
   /// Null without a bias.
   ad::Parameter<Real>* b() { return b_ ? &*b_ : nullptr; }
+  const ad::Parameter<Real>* b() const { return b_ ? &*b_ : nullptr; }
 
  private:
   ad::Parameter<Real> W_;                 // n_out x n_in

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "nn/linear.h"
+#include "nn/mlp_tile.h"
 
 namespace nmp::nn {
 
@@ -15,8 +16,18 @@ class Mlp {
   /// @param name    layers are called name + ".0", name + ".1", ...
   Mlp(const std::string& name, const std::vector<Index>& widths, bool bias, const Random& random);
 
-  /// #rows x widths.front()  ->  #rows x widths.back()
+  /// #rows x widths.front()  ->  #rows x widths.back(). One operator on tiles (nn/mlp_tile.h) where
+  /// Real has SIMD lanes, otherwise compose().
   ad::Var<Real> operator()(ad::Var<Real> x) const;
+  /// The same as a composition of operators, a layer at a time: the reference.
+  ad::Var<Real> compose(ad::Var<Real> x) const;
+
+  /// The layers as leaves of a tape, in its arena: for operators that have the net inside.
+  struct Leaves {
+    const typename MlpTile<Real>::Layer* layers;
+    Index n;
+  };
+  Leaves leaves(ad::Tape<Real>& tape) const;
 
   ParameterList<Real> parameters();
   Linear<Real>& last() { return layers_.back(); }

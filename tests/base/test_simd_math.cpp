@@ -79,6 +79,7 @@ TEST_SUITE("base/simd_math") {
     CHECK(std::abs(at(-1000)) <= std::numeric_limits<Real>::min());
     CHECK(std::isnan(at(std::numeric_limits<Real>::quiet_NaN())));
     CHECK(at(std::numeric_limits<Real>::infinity()) == std::numeric_limits<Real>::infinity());
+    CHECK(at(-std::numeric_limits<Real>::infinity()) == 0);
   }
 
   TEST_CASE_TEMPLATE("roots, sizes and masks, lane by lane", Real, float, double) {

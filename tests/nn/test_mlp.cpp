@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "autodiff/check_op.h"
+#include "base/parallel.h"
 
 using namespace nmp;
 using ad::check_gradient;
@@ -63,6 +64,87 @@ TEST_SUITE("nn/mlp") {
       }
       for (const auto* p : mlp.parameters()) CHECK(p->bar().cwiseAbs().maxCoeff() > 0);
     }
+  }
+
+  TEST_CASE_TEMPLATE("the fused net is the composition of operators: value, adjoints", Real, float,
+                     double) {
+    const double tolerance = std::is_same_v<Real, float> ? 1e-5 : 1e-13;
+    const std::vector<std::vector<Index>> nets{{13, 80, 96, 9},  {13, 64, 40, 9}, {3, 64, 128},
+                                               {140, 64, 64, 3}, {1, 1},          {5, 200, 17, 33}};
+    double worst = 0;
+    for (const auto& widths : nets) {
+      for (const bool bias : {false, true}) {
+        nn::Mlp<Real> mlp("net", widths, bias, Random(2));
+        for (auto* p : mlp.parameters())
+          p->mutable_value() +=
+              random_matrix(p->value().rows(), p->value().cols(), 1, -0.1, 0.1).template cast<Real>();
+        for (const Index rows : {0, 1, 7, 8, 64, 65, 300, 1000}) {
+          CAPTURE(rows);
+          CAPTURE(widths[1]);
+          const Matrix<Real> x = random_matrix(rows, widths[0], 3).template cast<Real>(),
+                             y_bar = random_matrix(rows, widths.back(), 4).template cast<Real>();
+          const auto run = [&](bool fused) {
+            for (auto* p : mlp.parameters()) p->zero_bar();
+            ad::Tape<Real> tape;
+            const auto in = tape.input(x);
+            const auto y = fused ? mlp(in) : mlp.compose(in);
+            std::vector<Matrix<Real>> all{y.value()};
+            tape.backward(y, y_bar);
+            all.push_back(in.bar());
+            for (auto* p : mlp.parameters()) all.push_back(p->bar());
+            return all;
+          };
+          const auto fast = run(true), plain = run(false);
+          for (std::size_t i = 0; i < fast.size(); ++i) {
+            const double size = static_cast<double>(plain[i].norm()) + 1e-30;
+            const double error = static_cast<double>((fast[i] - plain[i]).norm()) / size;
+            CHECK(error <= tolerance);
+            worst = std::max(worst, error);
+          }
+        }
+      }
+    }
+    MESSAGE("worst ", worst);
+  }
+
+  TEST_CASE("a row's bits do not depend on other rows, nor any bit on the number of threads") {
+    nn::Mlp<float> mlp("net", {13, 80, 96, 9}, true, Random(2));
+    const Matrix<float> x = random_matrix(700, 13, 3).cast<float>(),
+                        y_bar = random_matrix(700, 9, 4).cast<float>();
+    const auto value = [&](const Matrix<float>& rows) -> Matrix<float> {
+      ad::Tape<float> tape(ad::Tape<float>::Mode::inference);
+      return mlp(tape.constant(rows)).value();
+    };
+    const Matrix<float> all = value(x);
+    for (const Index n : {1, 9, 65}) CHECK(value(x.middleRows(130, n)) == all.middleRows(130, n));
+    std::vector<Matrix<float>> first;
+    for (const int n_threads : {1, 2, 3, 7}) {
+      set_threads(n_threads);
+      for (auto* p : mlp.parameters()) p->zero_bar();
+      ad::Tape<float> tape;
+      const auto in = tape.input(x);
+      tape.backward(mlp(in), y_bar);
+      std::vector<Matrix<float>> bars{in.bar()};
+      for (auto* p : mlp.parameters()) bars.push_back(p->bar());
+      if (first.empty()) first = bars;
+      for (std::size_t i = 0; i < bars.size(); ++i) CHECK(bars[i] == first[i]);
+    }
+    set_threads(0);
+  }
+
+  TEST_CASE("frozen weights and unwanted inputs get no adjoints") {
+    nn::Mlp<double> mlp("net", {4, 6, 2}, true, Random(2));
+    const Matrix<double> x = random_matrix(20, 4, 3), y_bar = random_matrix(20, 2, 4);
+    ad::Tape<double> tape;
+    mlp.parameters()[0]->set_frozen(true);
+    tape.backward(mlp(tape.constant(x)), y_bar);
+    CHECK(mlp.parameters()[0]->bar().isZero(0));
+    CHECK_FALSE(mlp.parameters()[2]->bar().isZero(0));
+    for (auto* p : mlp.parameters()) p->set_frozen(true);
+    tape.clear();
+    const auto in = tape.input(x);
+    tape.backward(mlp(in), y_bar);
+    CHECK_FALSE(in.bar().isZero(0));
   }
 
   TEST_CASE("refuses fewer than two widths and empty layers") {

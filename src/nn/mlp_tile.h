@@ -1,0 +1,105 @@
+#pragma once
+
+#include <algorithm>
+
+#include "autodiff/tape.h"
+#include "base/parallel.h"
+#include "base/simd_math.h"
+
+namespace nmp::nn {
+
+/// An MLP on a tile of a few dozen rows that stays in the cache: linear layers, SiLU between them,
+/// neurons in SIMD lanes. What fused operators are made of: they fill in the inputs of a tile, take
+/// its outputs, and for the adjoint run the tile again, so that nothing is kept between forward and
+/// backward. A row's bits depend on that row and the weights alone; sums over rows are in the order
+/// of the rows.
+///
+/// Tiles are row-major: row r of the inputs begins at input() + r * in_stride(), its n_in() numbers
+/// first and zeros up to the stride.
+template <class Real>
+class MlpTile {
+ public:
+  static constexpr Index kRows = 64;
+
+  /// The layers' weights: W is n_out x n_in, b 1 x n_out or nothing.
+  struct Layer {
+    ad::Var<Real> W, b;
+    bool has_bias = false;
+  };
+
+  /// Copies the weights into memory of their tape, laid out for the kernels.
+  /// @param adjoint  true to be able to run backward()
+  MlpTile(const Layer* layers, Index n_layers, bool adjoint);
+
+  Index n_in() const { return shapes_[0].n_in; }
+  Index n_out() const { return last().n_out; }
+  Index in_stride() const { return shapes_[0].in_stride; }
+  Index out_stride() const { return last().out_stride; }
+
+  /// In the memory that a thread works in, which for_each() hands out.
+  Real* input(Real* scratch) const { return scratch + shapes_[0].x_at; }
+
+  /// The outputs of `rows` rows. `slopes`: keeps what backward() needs.
+  const Real* forward(Real* scratch, Index rows, bool slopes = false) const;
+
+  /// Where the adjoints of the outputs belong before backward(), with zeros up to the stride.
+  Real* output_bar(Real* scratch) const { return scratch + last().y_bar_at; }
+  /// After forward(scratch, rows, true): adds the weights' adjoints to `weight_bars` unless that is
+  /// null, and returns the adjoints of the inputs, if they are wanted, in rows of in_stride().
+  const Real* backward(Real* scratch, Index rows, Real* weight_bars, bool input_wanted) const;
+
+  /// Calls body(scratch, begin, rows) for tiles that cover `n` rows, on several threads.
+  template <class Body>
+  void for_each(Index n, const Body& body) const {
+    parallel_chunks(n, kRows, [&](Index begin, Index end) { body(scratch(), begin, end - begin); });
+  }
+  /// Calls body(scratch, begin, rows, weight_bars) likewise, and adds what it leaves in weight_bars
+  /// to the adjoints of the layers' Vars: sums over kChunkTiles tiles, then these in order.
+  template <class Body>
+  void for_each_adjoint(Index n, const Body& body) const {
+    const Index n_tiles = (n + kRows - 1) / kRows;
+    const Index tiles = std::max(kChunkTiles, (n_tiles + kMaxChunks - 1) / kMaxChunks);
+    const Index chunk = tiles * kRows;
+    Real* sums = weights_wanted_ ? new_sums((n + chunk - 1) / chunk) : nullptr;
+    parallel_chunks(n, chunk, [&](Index first, Index last) {
+      Real* sum = sums ? sums + first / chunk * bars_size_ : nullptr;
+      for (Index begin = first; begin < last; begin += kRows)
+        body(scratch(), begin, std::min(kRows, last - begin), sum);
+    });
+    if (sums && n > 0) add_sums(sums, (n + chunk - 1) / chunk);
+  }
+
+ private:
+  static constexpr Index kChunkTiles = 4, kMaxChunks = 64;
+  struct Shape {
+    Layer layer;
+    Index n_in, n_out, in_stride, out_stride;
+    const Real* W_T;                       // n_in x out_stride: W(:, k) in row k
+    const Real* W;                         // n_out x in_stride: W(n, :) in row n
+    const Real* b;                         // out_stride, or null
+    Index W_bar_at, b_bar_at;              // in the sums: out_stride x in_stride, out_stride
+    Index x_at, y_at, slope_at, y_bar_at;  // in the scratch memory
+  };
+  const Shape& last() const { return shapes_[n_layers_ - 1]; }
+  Real* scratch() const;
+  Real* new_sums(Index n_sets) const;
+  void add_sums(Real* sums, Index n_sets) const;
+
+  Shape* shapes_;  // in the arena of the layers' tape, as what they point to
+  Index n_layers_, scratch_size_ = 0, bars_size_ = 0, x_bar_at_ = 0;
+  bool weights_wanted_ = false;
+};
+
+/// Copies a block of a column-major batch into rows and back: row r of the tile is row begin + r of
+/// the batch.
+template <class Real>
+void load_rows(const Real* batch, Index stride, Index columns, Index rows, Real* tile,
+               Index tile_stride);
+template <class Real>
+void store_rows(const Real* tile, Index tile_stride, Index rows, Real* batch, Index stride,
+                Index columns);
+template <class Real>
+void add_rows(const Real* tile, Index tile_stride, Index rows, Real* batch, Index stride,
+              Index columns);
+
+}  // namespace nmp::nn
