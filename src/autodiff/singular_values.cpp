@@ -1,31 +1,14 @@
 #include "autodiff/singular_values.h"
 
-#include <limits>
-
 #include "base/parallel.h"
 
 namespace nmp::ad {
 
 namespace {
 
-// Sorted singular values have a kink where two of them meet; the basis U, V is arbitrary there. The
-// mean of the tied adjoints is the choice that does not depend on the basis. sigma_3 takes part
-// with its size: its sign is turned off and on again.
 template <class Real>
-Vec3<Real> average_ties(const Vec3<Real>& sigma, Vec3<Real> sigma_bar) {
-  const Real gap = Real(kTieGap * double(std::numeric_limits<Real>::epsilon())) * sigma(0);
-  const Real sign = sigma(2) < Real(0) ? Real(-1) : Real(1);
-  const bool tie_12 = sigma(0) - sigma(1) <= gap;
-  const bool tie_23 = sigma(1) - sign * sigma(2) <= gap;
-  sigma_bar(2) *= sign;
-  if (tie_12 && tie_23) {
-    sigma_bar.setConstant(sigma_bar.sum() / Real(3));
-  } else if (tie_12) {
-    sigma_bar(0) = sigma_bar(1) = (sigma_bar(0) + sigma_bar(1)) / Real(2);
-  } else if (tie_23) {
-    sigma_bar(1) = sigma_bar(2) = (sigma_bar(1) + sigma_bar(2)) / Real(2);
-  }
-  sigma_bar(2) *= sign;
+Vec3<Real> averaged(const Vec3<Real>& sigma, Vec3<Real> sigma_bar) {
+  average_ties(sigma(0), sigma(1), sigma(2), sigma_bar(0), sigma_bar(1), sigma_bar(2));
   return sigma_bar;
 }
 
@@ -58,7 +41,7 @@ Var<Real> singular_values_minus_one(Var<Real> F, const Svd3Batch<Real>& svd) {
         MatrixMap<Real> F_bar = F.bar();
         parallel_for(sigma_bar.rows(), [&](Index e) {
           const Vec3<Real> bar =
-              average_ties<Real>(load_vec3<Real>(svd.sigma, e), load_vec3<Real>(sigma_bar, e));
+              averaged<Real>(load_vec3<Real>(svd.sigma, e), load_vec3<Real>(sigma_bar, e));
           add_mat3<Real>(
               F_bar, e,
               load_mat3<Real>(svd.U, e) * bar.asDiagonal() * load_mat3<Real>(svd.V, e).transpose());

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <limits>
+
 #include "autodiff/svd3.h"
 #include "autodiff/tape.h"
 
@@ -14,6 +16,24 @@ struct Svd3Batch {
 /// Two singular values are tied if they differ by at most kTieGap eps sigma_1, eps the unit spacing
 /// at 1: computed values of an exact tie were seen to differ by 6 eps.
 constexpr double kTieGap = 16;
+
+/// Sorted singular values have a kink where two of them meet; the basis U, V is arbitrary there.
+/// The mean of the tied adjoints is the choice that does not depend on the basis. s2 takes part
+/// with its size: its sign is turned off and on again. Without branches, for loops over lanes.
+template <class Real>
+inline void average_ties(Real s0, Real s1, Real s2, Real& b0, Real& b1, Real& b2) {
+  const Real gap = Real(kTieGap * double(std::numeric_limits<Real>::epsilon())) * s0;
+  const Real sign = s2 < Real(0) ? Real(-1) : Real(1);
+  const bool tie_01 = s0 - s1 <= gap, tie_12 = s1 - sign * s2 <= gap;
+  const Real last = b2 * sign;
+  const Real all = (b0 + b1 + last) / Real(3), first = (b0 + b1) / Real(2),
+             second = (b1 + last) / Real(2);
+  const Real with_0 = tie_12 ? all : first;  // the mean over those tied to s0, if any
+  const Real with_2 = tie_01 ? all : second;
+  b0 = tie_01 ? with_0 : b0;
+  b1 = tie_01 ? with_0 : (tie_12 ? with_2 : b1);
+  b2 = sign * (tie_12 ? with_2 : last);
+}
 
 /// Decomposes every row of F (#rows x 9) into memory of F's tape.
 template <class Real>

@@ -5,8 +5,6 @@
 
 namespace nmp::fem {
 
-namespace {
-
 // Since the four gradients sum to zero, F_e = sum_{a=1,2,3} (x_a - x_0) (x) grad N_a: a translation
 // cancels before it is multiplied.
 template <class Real>
@@ -30,7 +28,40 @@ void gradient_of_block(const TetMesh<Real>& mesh, const ConstView<Real>& x, Inde
         F[3 * i + j][l] = d[i][l] * g[j][l] + d[3 + i][l] * g[3 + j][l] + d[6 + i][l] * g[6 + j][l];
 }
 
-}  // namespace
+// Corner a = 1, 2, 3 receives s_e A_e grad N_a, corner 0 minus their sum.
+template <class Real>
+void corners_of_block(const TetMesh<Real>& mesh, const Block<Real, 9>& A, const Block<Real, 1>& s,
+                      Index begin, Index count, View<Real> corners) {
+  Block<Real, 9> g;
+  Block<Real, 12> c;
+  load(mesh.grad_N(), 3, begin, count, g);
+  for (int a = 0; a < 3; ++a)
+    for (int i = 0; i < 3; ++i)
+      for (Index l = 0; l < kBlock; ++l)
+        c[3 * (a + 1) + i][l] =
+            s[0][l] * (A[3 * i][l] * g[3 * a][l] + A[3 * i + 1][l] * g[3 * a + 1][l] +
+                       A[3 * i + 2][l] * g[3 * a + 2][l]);
+  for (int i = 0; i < 3; ++i)
+    for (Index l = 0; l < kBlock; ++l) c[i][l] = -(c[3 + i][l] + c[6 + i][l] + c[9 + i][l]);
+  store(c, begin, count, corners);
+}
+
+template <class Real>
+void sum_corners(const TetMesh<Real>& mesh, const ConstView<Real>& corners, View<Real> y) {
+  parallel_chunks(mesh.n_vertices(), kVertexChunk, [&](Index begin, Index end) {
+    const std::int32_t* corner_begin = mesh.corner_begin().data();
+    const std::int32_t* corner = mesh.corners().data();
+    const Index stride = corners.outerStride();
+    for (Index v = begin; v < end; ++v) {
+      Real sum[3] = {Real(0), Real(0), Real(0)};
+      for (std::int32_t k = corner_begin[v]; k < corner_begin[v + 1]; ++k) {
+        const Real* from = corners.data() + 3 * (corner[k] & 3) * stride + (corner[k] >> 2);
+        for (int i = 0; i < 3; ++i) sum[i] += from[i * stride];
+      }
+      for (int i = 0; i < 3; ++i) y(v, i) += sum[i];
+    }
+  });
+}
 
 template <class Real>
 void deformation_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& x, View<Real> F) {
@@ -65,7 +96,6 @@ void add_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& x, const Mat
   });
 }
 
-// Corner a = 1, 2, 3 receives s_e A_e grad N_a, corner 0 minus their sum.
 template <class Real>
 void add_transposed_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& A,
                              const Matrix<Real>* scale, Real sign, View<Real> corners,
@@ -78,36 +108,14 @@ void add_transposed_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& A
   NMP_CHECK(y.rows() == mesh.n_vertices() && y.cols() == 3,
             text("y must be ", mesh.n_vertices(), " x 3, got ", shape(y)));
   for_each_block(n_tets, [&](Index begin, Index count) {
-    Block<Real, 9> A_e, g;
+    Block<Real, 9> A_e;
     Block<Real, 1> s;
-    Block<Real, 12> c;
     load(A, 0, begin, count, A_e);
-    load(mesh.grad_N(), 3, begin, count, g);
     if (scale) load(*scale, 0, begin, count, s);
     for (Index l = 0; l < kBlock; ++l) s[0][l] = scale ? sign * s[0][l] : sign;
-    for (int a = 0; a < 3; ++a)
-      for (int i = 0; i < 3; ++i)
-        for (Index l = 0; l < kBlock; ++l)
-          c[3 * (a + 1) + i][l] =
-              s[0][l] * (A_e[3 * i][l] * g[3 * a][l] + A_e[3 * i + 1][l] * g[3 * a + 1][l] +
-                         A_e[3 * i + 2][l] * g[3 * a + 2][l]);
-    for (int i = 0; i < 3; ++i)
-      for (Index l = 0; l < kBlock; ++l) c[i][l] = -(c[3 + i][l] + c[6 + i][l] + c[9 + i][l]);
-    store(c, begin, count, corners);
+    corners_of_block<Real>(mesh, A_e, s, begin, count, corners);
   });
-  parallel_chunks(mesh.n_vertices(), kVertexChunk, [&](Index begin, Index end) {
-    const std::int32_t* corner_begin = mesh.corner_begin().data();
-    const std::int32_t* corner = mesh.corners().data();
-    const Index stride = corners.outerStride();
-    for (Index v = begin; v < end; ++v) {
-      Real sum[3] = {Real(0), Real(0), Real(0)};
-      for (std::int32_t k = corner_begin[v]; k < corner_begin[v + 1]; ++k) {
-        const Real* from = corners.data() + 3 * (corner[k] & 3) * stride + (corner[k] >> 2);
-        for (int i = 0; i < 3; ++i) sum[i] += from[i * stride];
-      }
-      for (int i = 0; i < 3; ++i) y(v, i) += sum[i];
-    }
-  });
+  sum_corners<Real>(mesh, corners, y);
 }
 
 template <class Real>
@@ -128,7 +136,12 @@ Var<Real> deformation_gradient(const TetMesh<Real>& mesh, Var<Real> x) {
                                    const Matrix<Real>*, Real, View<Real>);                        \
   template void add_transposed_gradient<Real>(const TetMesh<Real>&, const ConstView<Real>&,       \
                                               const Matrix<Real>*, Real, View<Real>, View<Real>); \
-  template Var<Real> deformation_gradient(const TetMesh<Real>&, Var<Real>);
+  template Var<Real> deformation_gradient(const TetMesh<Real>&, Var<Real>);                       \
+  template void gradient_of_block<Real>(const TetMesh<Real>&, const ConstView<Real>&, Index,      \
+                                        Index, Block<Real, 9>&);                                  \
+  template void corners_of_block<Real>(const TetMesh<Real>&, const Block<Real, 9>&,               \
+                                       const Block<Real, 1>&, Index, Index, View<Real>);          \
+  template void sum_corners<Real>(const TetMesh<Real>&, const ConstView<Real>&, View<Real>);
 
 #include "autodiff/instantiate.h"
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "autodiff/tape.h"
+#include "fem/block.h"
 #include "fem/tet_mesh.h"
 
 namespace nmp::fem {
@@ -34,5 +35,19 @@ template <class Real>
 void add_transposed_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& A,
                              const Matrix<Real>* scale, Real sign, View<Real> corners,
                              View<Real> y);
+
+// -- the pieces, for operators that do more with a block of elements while they have it
+
+/// F of elements begin, ..., begin + count - 1; further lanes are finite.
+template <class Real>
+void gradient_of_block(const TetMesh<Real>& mesh, const ConstView<Real>& x, Index begin,
+                       Index count, Block<Real, 9>& F);
+/// s_e A_e grad N_a for every corner a of those elements, into rows begin, ... of `corners`.
+template <class Real>
+void corners_of_block(const TetMesh<Real>& mesh, const Block<Real, 9>& A, const Block<Real, 1>& s,
+                      Index begin, Index count, View<Real> corners);
+/// y_i += sum of the corners (#T x 12) around vertex i, in ascending order.
+template <class Real>
+void sum_corners(const TetMesh<Real>& mesh, const ConstView<Real>& corners, View<Real> y);
 
 }  // namespace nmp::fem

@@ -6,6 +6,7 @@
 #include "autodiff/ops_mat3.h"
 #include "autodiff/ops_rows.h"
 #include "autodiff/polar_rotation.h"
+#include "nmp/stress_operator.h"
 
 namespace nmp {
 
@@ -57,6 +58,16 @@ template <class Real>
 Var<Real> StressNet<Real>::stress(Var<Real> F) const {
   const Features in = features(F);
   return ad::scale(ad::mat3_product(in.R, rotated_stress(in.z)), static_cast<Real>(scale_));
+}
+
+template <class Real>
+Var<Real> StressNet<Real>::internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x) const {
+  if constexpr (kHasLanes<Real>) {
+    if (!config_.bias)
+      return neural_internal_force<Real>(mesh, x, mlp_.leaves(x.tape()), static_cast<Real>(scale_),
+                                         static_cast<Real>(z_scale_));
+  }
+  return fem::ConstitutiveLaw<Real>::internal_force(mesh, x);
 }
 
 template class StressNet<float>;

@@ -21,6 +21,9 @@ class StressNet : public fem::ConstitutiveLaw<Real> {
   StressNet(const StressNetConfig& config, std::uint64_t seed);
 
   Var<Real> stress(Var<Real> F) const override;
+  /// One operator (nmp/stress_operator.h) where Real has SIMD lanes and the net no biases;
+  /// otherwise the composition around stress().
+  Var<Real> internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x) const override;
 
   struct Features {
     Var<Real> z;  // #T x 13

@@ -30,6 +30,19 @@ typename Mlp<Real>::Leaves Mlp<Real>::leaves(ad::Tape<Real>& tape) const {
   return {all, n};
 }
 
+template <class Real>
+typename Mlp<Real>::Leaves::Inputs Mlp<Real>::Leaves::with(ad::Tape<Real>& tape,
+                                                           ad::Var<Real> x) const {
+  auto* at = tape.template keep<ad::Var<Real>>(2 * n + 1);
+  std::size_t count = 0;
+  at[count++] = x;
+  for (Index i = 0; i < n; ++i) {
+    at[count++] = layers[i].W;
+    if (layers[i].has_bias) at[count++] = layers[i].b;
+  }
+  return {at, count};
+}
+
 namespace {
 
 // y = mlp(x), tile by tile; the adjoint runs each tile again.
@@ -63,14 +76,8 @@ ad::Var<Real> fused(const typename Mlp<Real>::Leaves& net, ad::Var<Real> x) {
       if (x_wanted) add_rows(x_rows, tile.in_stride(), n, x_bar.data() + begin, rows, tile.n_in());
     });
   };
-  ad::Var<Real>* inputs = tape.template keep<ad::Var<Real>>(2 * net.n + 1);
-  std::size_t n_inputs = 0;
-  inputs[n_inputs++] = x;
-  for (Index i = 0; i < net.n; ++i) {
-    inputs[n_inputs++] = net.layers[i].W;
-    if (net.layers[i].has_bias) inputs[n_inputs++] = net.layers[i].b;
-  }
-  return tape.record_span("mlp", inputs, n_inputs, y, adjoint);
+  const auto inputs = net.with(tape, x);
+  return tape.record_span("mlp", inputs.at, inputs.n, y, adjoint);
 }
 
 }  // namespace

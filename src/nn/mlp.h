@@ -26,6 +26,12 @@ class Mlp {
   struct Leaves {
     const typename MlpTile<Real>::Layer* layers;
     Index n;
+    /// x and all weights, for record_span().
+    struct Inputs {
+      const ad::Var<Real>* at;
+      std::size_t n;
+    };
+    Inputs with(ad::Tape<Real>& tape, ad::Var<Real> x) const;
   };
   Leaves leaves(ad::Tape<Real>& tape) const;
 

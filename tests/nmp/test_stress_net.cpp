@@ -8,7 +8,9 @@
 #include "base/parallel.h"
 #include "fem/deformation_gradient.h"
 #include "fem/internal_force.h"
+#include "fem/mesh_cube.h"
 #include "nmp/nets.h"
+#include "nmp/stress_operator.h"
 
 using namespace nmp;
 using fem::random_F;
@@ -261,6 +263,72 @@ TEST_SUITE("nmp/stress_net") {
       largest = std::max(largest, bar.norm() / at_gap);
     }
     MESSAGE("largest ", largest, " times that at a gap of 1e-3");
+  }
+
+  TEST_CASE_TEMPLATE("the fused force is the composition of operators: value, adjoints, bits", Real,
+                     float, double) {
+    const double tolerance = std::is_same_v<Real, float> ? 2e-5 : 1e-12;
+    double worst = 0;
+    for (const Index n : {2, 3, 4, 7}) {
+      const auto in_double = fem::jittered_cube(n);
+      const auto mesh = in_double.cast<Real>();
+      const Matrix<Real> x = fem::deformed(in_double, 5).template cast<Real>();
+      const Matrix<Real> f_bar = random_matrix(mesh.n_vertices(), 3, 6).template cast<Real>();
+      auto net = make_net<Real>(false);
+      const auto run = [&](bool fused) {
+        nn::zero_bars(net.parameters());
+        ad::Tape<Real> tape;
+        const auto in = tape.input(x);
+        const auto f = fused ? net.internal_force(mesh, in)
+                             : net.fem::template ConstitutiveLaw<Real>::internal_force(mesh, in);
+        tape.backward(f, f_bar);
+        std::vector<Matrix<Real>> all{f.value(), in.bar()};
+        for (const auto* p : net.parameters()) all.push_back(p->bar());
+        return all;
+      };
+      const auto fast = run(true), plain = run(false);
+      for (std::size_t k = 0; k < fast.size(); ++k) {
+        const double error = static_cast<double>((fast[k] - plain[k]).norm() / plain[k].norm());
+        CHECK(error <= tolerance);
+        worst = std::max(worst, error);
+      }
+      for (const int n_threads : {1, 2, 3, 7}) {
+        set_threads(n_threads);
+        const auto again = run(true);
+        for (std::size_t k = 0; k < fast.size(); ++k) CHECK(same_bits(again[k], fast[k]));
+      }
+      set_threads(0);
+    }
+    MESSAGE("worst ", worst);
+  }
+
+  TEST_CASE("the fused force is zero at rest, bitwise, and counts crushed elements") {
+    const auto mesh = fem::cube_mesh(5, 1);
+    auto net = make_net<double>(false);
+    ad::Tape<double> tape;
+    const auto rest = net.internal_force(mesh, tape.input(mesh.rest()));
+    CHECK((rest.value().array() == 0).all());
+    // Pressed flat and turned inside out, sigma_2 + sigma_3 is 0 in every element.
+    Matrix<double> x = mesh.rest();
+    x.col(2) *= -1;
+    tape.clear();
+    const std::uint64_t before = ad::polar_rotation_floor_count();
+    const auto in = tape.input(x);
+    tape.backward(net.internal_force(mesh, in), random_matrix(mesh.n_vertices(), 3, 6));
+    CHECK(ad::polar_rotation_floor_count() - before >= static_cast<std::uint64_t>(mesh.n_tets()));
+    CHECK(in.bar().allFinite());
+  }
+
+  TEST_CASE("refuses positions of another mesh and nets of other shapes in the fused force") {
+    const auto mesh = fem::jittered_cube(3);
+    const auto net = make_net<double>(false);
+    ad::Tape<double> tape;
+    CHECK_THROWS_AS(net.internal_force(mesh, tape.input(Matrix<double>::Zero(26, 3))),
+                    std::invalid_argument);
+    const nn::Mlp<double> other("other", {12, 8, 9}, false, Random(1));
+    CHECK_THROWS_AS(
+        neural_internal_force<double>(mesh, tape.input(mesh.rest()), other.leaves(tape), 1, 1),
+        std::invalid_argument);
   }
 
   TEST_CASE("a row's stress depends on that row alone, and on no number of threads") {

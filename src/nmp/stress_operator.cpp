@@ -1,0 +1,212 @@
+#include "nmp/stress_operator.h"
+
+#include <algorithm>
+
+#include "autodiff/polar_rotation.h"
+#include "autodiff/singular_values.h"
+#include "autodiff/svd3.h"
+#include "fem/deformation_gradient.h"
+
+namespace nmp {
+
+namespace {
+
+using ad::Var;
+using fem::Block;
+using fem::Entries;
+using fem::kBlock;
+
+static_assert(nn::MlpTile<float>::kRows == kBlock, "a tile of the net is a block of elements");
+constexpr int kFeatures = 13;
+
+// All the quantities of a block of elements that its stress is made of.
+template <class Real>
+struct StressBlock {
+  Block<Real, 9> F, U, V, R;
+  Block<Real, 3> sigma;
+  Block<Real, kFeatures> z;
+  Block<Real, 9> S;  // sym(y)
+};
+
+// F, its factors, R = U V^T and the features, each computed from H = F - I (StressNet::features).
+template <class Real>
+void compute_features(const fem::TetMesh<Real>& mesh, const ConstView<Real>& x, Index begin,
+                      Index count, Real reciprocal_scale, StressBlock<Real>& b) {
+  fem::gradient_of_block(mesh, x, begin, count, b.F);
+  ad::svd_rotation_variant<Real>({b.F[0], kBlock}, kBlock, {b.U[0], kBlock}, {b.sigma[0], kBlock},
+                                 {b.V[0], kBlock});
+  for (Index l = 0; l < kBlock; ++l) {
+    const Entries<Real> U = entries(b.U, l), V = entries(b.V, l);
+    set_entries(b.R, l, product(U, transpose(V)));
+  }
+  for (Index l = 0; l < kBlock; ++l) {
+    Entries<Real> H = entries(b.F, l);
+    H.m00 -= Real(1), H.m11 -= Real(1), H.m22 -= Real(1);
+    const Entries<Real> HtH = product(transpose(H), H), cof = cofactors(H);
+    const Real C01 = (H.m01 + H.m10) + HtH.m01, C02 = (H.m02 + H.m20) + HtH.m02,
+               C12 = (H.m12 + H.m21) + HtH.m12;
+    const Real trace = H.m00 + H.m11 + H.m22, minors = cof.m00 + cof.m11 + cof.m22;
+    const Real det = H.m00 * cof.m00 + H.m01 * cof.m01 + H.m02 * cof.m02;
+    const Real s = reciprocal_scale;
+    for (int i = 0; i < 3; ++i) b.z[i][l] = s * (b.sigma[i][l] - Real(1));
+    b.z[3][l] = s * ((H.m00 + H.m00) + HtH.m00);
+    b.z[4][l] = s * C01;
+    b.z[5][l] = s * C02;
+    b.z[6][l] = s * C01;
+    b.z[7][l] = s * ((H.m11 + H.m11) + HtH.m11);
+    b.z[8][l] = s * C12;
+    b.z[9][l] = s * C02;
+    b.z[10][l] = s * C12;
+    b.z[11][l] = s * ((H.m22 + H.m22) + HtH.m22);
+    b.z[12][l] = s * (trace + minors + det);
+  }
+}
+
+// S = sym(y).
+template <class Real>
+void take_outputs(const Real* y, Index stride, StressBlock<Real>& b) {
+  Block<Real, 9> outputs;
+  nn::store_rows(y, stride, kBlock, outputs[0], kBlock, 9);
+  for (Index l = 0; l < kBlock; ++l) {
+    const Entries<Real> Y = entries(outputs, l);
+    set_entries(b.S, l, combine(Real(0.5), Y, Real(0.5), transpose(Y)));
+  }
+}
+
+// Given P_bar: y_bar into `outputs`, and K = U^T R_bar V of the two ways in which P depends on F
+// besides z. P = scale R S:  S_bar = scale R^T P_bar,  R_bar = scale P_bar S.
+template <class Real>
+void adjoint_of_product(const Block<Real, 9>& P_bar, Real scale, const StressBlock<Real>& b,
+                        Block<Real, 9>& outputs, Block<Real, 9>& K) {
+  for (Index l = 0; l < kBlock; ++l) {
+    const Entries<Real> bar = entries(P_bar, l), R = entries(b.R, l);
+    const Entries<Real> S_bar = product(transpose(R), bar);
+    set_entries(outputs, l, combine(Real(0.5) * scale, S_bar, Real(0.5) * scale, transpose(S_bar)));
+    const Entries<Real> UtR_bar = product(transpose(entries(b.U, l)), bar);
+    set_entries(K, l, product(product(UtR_bar, entries(b.S, l)), entries(b.V, l)));
+  }
+  for (int k = 0; k < 9; ++k)
+    for (Index l = 0; l < kBlock; ++l) K[k][l] *= scale;
+}
+
+// F_bar = U (diag(sigma_bar) + W) V^T + F (D_bar + D_bar^T) + j_bar cof F, with the sigma_bar of
+// tied values averaged and W of the polar rotation (autodiff/polar_rotation.h).
+template <class Real>
+void adjoint_of_features(const Block<Real, kFeatures>& z_bar, const Block<Real, 9>& K, Index count,
+                         const StressBlock<Real>& b, Block<Real, 9>& F_bar) {
+  constexpr Real kFloor = Real(ad::kMinSigmaSum);
+  Block<Real, 3> sums;
+  for (Index l = 0; l < kBlock; ++l) {
+    sums[0][l] = b.sigma[0][l] + b.sigma[1][l];
+    sums[1][l] = b.sigma[0][l] + b.sigma[2][l];
+    sums[2][l] = b.sigma[1][l] + b.sigma[2][l];
+  }
+  std::uint64_t floors = 0;
+  for (int k = 0; k < 3; ++k)
+    for (Index l = 0; l < count; ++l) floors += sums[k][l] < kFloor;
+  if (floors > 0) ad::detail::polar_rotation_floors.fetch_add(floors, std::memory_order_relaxed);
+
+  for (Index l = 0; l < kBlock; ++l) {
+    Real bar_0 = z_bar[0][l], bar_1 = z_bar[1][l], bar_2 = z_bar[2][l];
+    ad::average_ties(b.sigma[0][l], b.sigma[1][l], b.sigma[2][l], bar_0, bar_1, bar_2);
+    const Entries<Real> A = entries(K, l);
+    const Real w01 = (A.m01 - A.m10) / (sums[0][l] < kFloor ? kFloor : sums[0][l]);
+    const Real w02 = (A.m02 - A.m20) / (sums[1][l] < kFloor ? kFloor : sums[1][l]);
+    const Real w12 = (A.m12 - A.m21) / (sums[2][l] < kFloor ? kFloor : sums[2][l]);
+    const Entries<Real> inner{bar_0, w01, w02, -w01, bar_1, w12, -w02, -w12, bar_2};
+    set_entries(F_bar, l, product(product(entries(b.U, l), inner), transpose(entries(b.V, l))));
+  }
+  for (Index l = 0; l < kBlock; ++l) {
+    const Entries<Real> F = entries(b.F, l);
+    const Entries<Real> D{z_bar[3][l], z_bar[4][l], z_bar[5][l],  z_bar[6][l], z_bar[7][l],
+                          z_bar[8][l], z_bar[9][l], z_bar[10][l], z_bar[11][l]};
+    const Entries<Real> twice = combine(Real(1), D, Real(1), transpose(D));
+    const Entries<Real> rest = combine(Real(1), product(F, twice), z_bar[12][l], cofactors(F));
+    set_entries(F_bar, l, combine(Real(1), entries(F_bar, l), Real(1), rest));
+  }
+}
+
+}  // namespace
+
+template <class Real>
+Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
+                                const typename nn::Mlp<Real>::Leaves& net, Real scale,
+                                Real z_scale) {
+  auto& tape = x.tape();
+  const Index n_tets = mesh.n_tets();
+  NMP_CHECK(x.rows() == mesh.n_vertices() && x.cols() == 3,
+            text("x must be ", mesh.n_vertices(), " x 3, got ", shape(x.value())));
+  const Real reciprocal = Real(1) / z_scale;
+  const auto x_value = x.value();
+
+  const nn::MlpTile<Real> forward(net.layers, net.n, false);
+  NMP_CHECK(forward.n_in() == kFeatures && forward.n_out() == 9,
+            text("a stress net goes from 13 to 9 numbers, this one from ", forward.n_in(), " to ",
+                 forward.n_out()));
+  MatrixMap<Real> corners = tape.allocate(n_tets, 12);
+  forward.for_each(n_tets, [&](Real* scratch, Index begin, Index count) {
+    StressBlock<Real> b;
+    compute_features<Real>(mesh, x_value, begin, count, reciprocal, b);
+    nn::load_rows(b.z[0], kBlock, kFeatures, kBlock, forward.input(scratch), forward.in_stride());
+    take_outputs(forward.forward(scratch, kBlock), forward.out_stride(), b);
+    Block<Real, 9> P;
+    Block<Real, 1> minus_V;
+    for (Index l = 0; l < kBlock; ++l) set_entries(P, l, product(entries(b.R, l), entries(b.S, l)));
+    load(mesh.volumes(), 0, begin, count, minus_V);
+    for (Index l = 0; l < kBlock; ++l) minus_V[0][l] *= -scale;
+    fem::corners_of_block<Real>(mesh, P, minus_V, begin, count, corners);
+  });
+  MatrixMap<Real> f_int = tape.allocate(mesh.n_vertices(), 3);
+  f_int.setZero();
+  fem::sum_corners<Real>(mesh, corners, f_int);
+
+  const auto adjoint = [mesh, x, net, scale, reciprocal,
+                        n_tets](const ConstMatrixMap<Real>& f_bar) {
+    const nn::MlpTile<Real> tile(net.layers, net.n, true);
+    const bool x_wanted = x.needs_grad();
+    const auto value = x.value();
+    MatrixMap<Real> bars = x.tape().allocate(x_wanted ? n_tets : 0, 12);
+    tile.for_each_adjoint(n_tets, [&](Real* scratch, Index begin, Index count, Real* weight_bars) {
+      StressBlock<Real> b;
+      compute_features<Real>(mesh, value, begin, count, reciprocal, b);
+      nn::load_rows(b.z[0], kBlock, kFeatures, kBlock, tile.input(scratch), tile.in_stride());
+      take_outputs(tile.forward(scratch, kBlock, true), tile.out_stride(), b);
+
+      // f_int = -sum V P grad N:  P_bar = -V F(f_bar).
+      Block<Real, 9> P_bar, outputs, K;
+      Block<Real, 1> V;
+      fem::gradient_of_block<Real>(mesh, f_bar, begin, count, P_bar);
+      load(mesh.volumes(), 0, begin, count, V);
+      for (int k = 0; k < 9; ++k)
+        for (Index l = 0; l < kBlock; ++l) P_bar[k][l] *= -V[0][l];
+      adjoint_of_product(P_bar, scale, b, outputs, K);
+      Real* y_bar = tile.output_bar(scratch);
+      std::fill_n(y_bar, kBlock * tile.out_stride(), Real(0));
+      nn::load_rows(outputs[0], kBlock, 9, count, y_bar, tile.out_stride());
+
+      const Real* z_rows = tile.backward(scratch, count, weight_bars, x_wanted);
+      if (!x_wanted) return;
+      Block<Real, kFeatures> z_bar = {};
+      nn::store_rows(z_rows, tile.in_stride(), count, z_bar[0], kBlock, kFeatures);
+      for (int k = 0; k < kFeatures; ++k)
+        for (Index l = 0; l < kBlock; ++l) z_bar[k][l] *= reciprocal;
+      Block<Real, 9> F_bar;
+      Block<Real, 1> one;
+      adjoint_of_features(z_bar, K, count, b, F_bar);
+      std::fill_n(one[0], kBlock, Real(1));
+      fem::corners_of_block<Real>(mesh, F_bar, one, begin, count, bars);
+    });
+    if (x_wanted) fem::sum_corners<Real>(mesh, bars, x.bar());
+  };
+  const auto inputs = net.with(tape, x);
+  return tape.record_span("neural_internal_force", inputs.at, inputs.n, f_int, adjoint);
+}
+
+#define NMP_INSTANTIATE(Real)                                                    \
+  template Var<Real> neural_internal_force(const fem::TetMesh<Real>&, Var<Real>, \
+                                           const typename nn::Mlp<Real>::Leaves&, Real, Real);
+
+NMP_INSTANTIATE(float)
+NMP_INSTANTIATE(double)
+
+}  // namespace nmp
