@@ -250,13 +250,22 @@ std::string pretty(double mean, double spread) {
   return digits + " ± " + spread_digits + (plain ? "" : " × " + power_of_ten(power));
 }
 
-std::string draw(const LinePlot& plot) {
+std::string draw(const LinePlot& given) {
+  // 0. A logarithmic x axis is a linear one of logarithms.
+  LinePlot plot = given;
+  if (plot.log_x) {
+    for (Curve& curve : plot.curves)
+      for (double& x : curve.x) x = std::log10(x);
+    for (double& mark : plot.marks) mark = std::log10(mark);
+  }
+
   // 1. What is shown: the first hundredth of x does not widen the y axis, where errors start at 0.
   Range x_range, y_values;
   for (const Curve& curve : plot.curves)
     for (const double x : curve.x) x_range.add(x);
   if (x_range.empty()) x_range = {0, 1};
-  const double settled = x_range.low + 0.01 * (x_range.high - x_range.low);
+  const double settled =
+      plot.log_x ? x_range.low : x_range.low + 0.01 * (x_range.high - x_range.low);
   for (const Curve& curve : plot.curves)
     for (std::size_t i = 0; i < std::min(curve.x.size(), curve.y.size()); ++i)
       if ((curve.x[i] >= settled || !plot.log_y) && std::isfinite(curve.y[i]) &&
@@ -281,7 +290,9 @@ std::string draw(const LinePlot& plot) {
     svg += line(left, y, right, y, "class=\"grid\"");
     svg += label(left - 8, y + 4, "end", tick.label);
   }
-  for (const Tick& tick : linear_ticks(x_range.low, x_range.high, plot.width < 500 ? 4 : 8)) {
+  for (const Tick& tick : plot.log_x
+                              ? log_ticks(x_range)
+                              : linear_ticks(x_range.low, x_range.high, plot.width < 500 ? 4 : 8)) {
     svg += line(to_x(tick.at), bottom, to_x(tick.at), bottom + 5, "class=\"axis\"");
     svg += label(to_x(tick.at), bottom + 19, "middle", tick.label);
   }

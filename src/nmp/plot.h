@@ -32,7 +32,7 @@ struct Curve {
 struct LinePlot {
   std::string name;  // for people who cannot see it
   std::string x_label, y_label;
-  bool log_y = true;
+  bool log_x = false, log_y = true;
   std::vector<Curve> curves;
   std::vector<double> marks;       // vertical lines
   std::vector<double> background;  // over the first curve's x: a faint area on its own linear axis
