@@ -4,8 +4,8 @@
 
 #include "base/check.h"
 #include "nmp/plot.h"
+#include "nmp/report_html.h"
 #include "nmp/report_sections.h"
-#include "nmp/shipped.h"
 
 namespace nmp {
 
@@ -17,12 +17,6 @@ std::string block(const std::string& name, const std::string& content, bool open
   if (content.empty()) return "";
   return std::string("<details") + (open ? " open" : "") + "><summary>" + name + "</summary><pre>" +
          escape_html(content) + "</pre></details>\n";
-}
-
-std::string page_file(const char* name) {
-  const char* content = find_page_file(name);
-  NMP_CHECK(content, text("there is no page file ", name));
-  return content;
 }
 
 }  // namespace
@@ -43,16 +37,7 @@ std::string make_report(const ReportInput& input) {
   }
   const Training training = parse_metrics(input.metrics);
 
-  std::string html =
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
-      "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; "
-      "style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n<title>" +
-      escape_html(input.title) + "</title>\n<style>\n" + page_file("report.css") +
-      page_file("player.css") +
-      "</style>\n</head>\n<body>\n<main>\n<header>\n<p class=\"eyebrow\">Neural Modular "
-      "Physics</p>\n<h1>" +
-      escape_html(input.title) + "</h1>\n</header>\n";
+  std::string html;
   const bool several = results.size() > 1;
   for (const Result& result : results) html += headline_section(result, several);
   html += player_section(input.playbacks, input.player);
@@ -62,10 +47,10 @@ std::string make_report(const ReportInput& input) {
   html += training_section(training);
   html += "<section>\n<h2>Settings</h2>\n" + block("Commands", input.commands, true) +
           block("Scene", input.scene_toml, false) +
-          block("Training configuration", input.config_toml, false) +
-          "</section>\n</main>\n<script>\n" + page_file("report.js") + "</script>\n";
-  if (!input.player.empty()) html += "<script>\n" + page_file("player.js") + "</script>\n";
-  return html + "</body>\n</html>\n";
+          block("Training configuration", input.config_toml, false) + "</section>\n";
+  std::vector<std::string> scripts{page_file("report.js")};
+  if (!input.player.empty()) scripts.push_back(page_file("player.js"));
+  return page(input.title, html, page_file("player.css"), scripts);
 }
 
 }  // namespace nmp

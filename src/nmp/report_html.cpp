@@ -5,6 +5,9 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "base/check.h"
+#include "nmp/shipped.h"
+
 namespace nmp::report {
 
 namespace {
@@ -23,6 +26,27 @@ Json rounded(const std::vector<double>& values) {
 }
 
 }  // namespace
+
+std::string page_file(const char* name) {
+  const char* content = find_page_file(name);
+  NMP_CHECK(content, text("there is no page file ", name));
+  return content;
+}
+
+std::string page(const std::string& title, const std::string& sections, const std::string& styles,
+                 const std::vector<std::string>& scripts) {
+  std::string html =
+      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
+      "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; "
+      "style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n<title>" +
+      escape_html(title) + "</title>\n<style>\n" + page_file("report.css") + styles +
+      "</style>\n</head>\n<body>\n<main>\n<header>\n<p class=\"eyebrow\">Neural Modular "
+      "Physics</p>\n<h1>" +
+      escape_html(title) + "</h1>\n</header>\n" + sections + "</main>\n";
+  for (const std::string& script : scripts) html += "<script>\n" + script + "</script>\n";
+  return html + "</body>\n</html>\n";
+}
 
 std::string length(double metres) {
   if (!std::isfinite(metres)) return "not finite";

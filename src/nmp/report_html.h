@@ -8,6 +8,13 @@
 /// Pieces that the sections of a report share.
 namespace nmp::report {
 
+/// A whole page that needs no network, in the style of a report.
+/// @param sections  HTML   @param styles, scripts  more of them, without their elements
+std::string page(const std::string& title, const std::string& sections,
+                 const std::string& styles = "", const std::vector<std::string>& scripts = {});
+/// Text of a file of page/.
+std::string page_file(const char* name);
+
 /// A length in the unit that people would use.
 std::string length(double metres);
 /// "%.3g"
