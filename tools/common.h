@@ -102,5 +102,6 @@ void add_rollout(CLI::App& app);
 void add_eval(CLI::App& app);
 void add_report(CLI::App& app);
 void add_grad_check(CLI::App& app);
+void add_bench(CLI::App& app);
 
 }  // namespace nmp

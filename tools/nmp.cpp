@@ -114,6 +114,7 @@ int run(int argc, char** argv) {
   add_eval(app);
   add_report(app);
   add_grad_check(app);
+  add_bench(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {

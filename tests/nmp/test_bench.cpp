@@ -1,0 +1,85 @@
+#include <doctest/doctest.h>
+
+#include <cmath>
+
+#include "fem/laws.h"
+#include "fem/mesh_cube.h"
+#include "fem/stvk.h"
+#include "nmp/bench_case.h"
+#include "nmp/bench_reference.h"
+
+using namespace nmp;
+
+TEST_SUITE("nmp/bench") {
+  TEST_CASE("the scalar loop moves a falling cube as the simulator does") {
+    const fem::TetMesh<double> mesh = fem::cube_mesh(3, 1);
+    fem::Physics physics;
+    physics.ground = -0.55;
+    const double dt = 1e-4;
+    fem::State<double> state{mesh.vertices(), Matrix<double>::Zero(mesh.n_vertices(), 3)};
+    state.x.col(0) *= 1.1;
+    state.v.col(2).setConstant(-3);
+    ScalarLoop loop(mesh, physics, dt);
+    loop.set_state(state);
+    loop.advance(400);
+    fem::Simulator<double> simulator(mesh, physics, dt);
+    simulator.advance(state, 400);
+    CHECK(state.x.col(2).minCoeff() == -0.55);                        // it is on the ground
+    CHECK((loop.state().x - state.x).cwiseAbs().maxCoeff() < 1e-11);  // measured 1e-14
+    CHECK((loop.state().v - state.v).cwiseAbs().maxCoeff() < 1e-8);   // measured 1e-12
+    physics.pinned = {0};
+    CHECK_THROWS_AS(ScalarLoop(mesh, physics, dt), std::invalid_argument);
+    physics.pinned.clear();
+    physics.material.law = "stvk";
+    CHECK_THROWS_AS(ScalarLoop(mesh, physics, dt), std::invalid_argument);
+  }
+
+  TEST_CASE("the peak is that of a number of operations which is known") {
+    const FmaPeak peak = fma_peak();
+    CHECK(peak.flops > 1e6);
+    CHECK(std::isfinite(peak.run()));
+  }
+
+  TEST_CASE("the bench's stress net is a linear elastic law near rest") {
+    BenchCase bench(fem::cube_mesh(3, 1), 1e-4);
+    const fem::Material material;
+    const fem::StVK<float> stvk(material.E, material.nu);
+    Matrix<float> F(2, 9);
+    F.row(0) << 1.01f, 0.004f, 0, 0, 0.995f, 0.003f, 0.002f, 0, 1.002f;
+    F.row(1) << 0, -1, 0, 1, 0, 0, 0, 0, 1;  // turned by a right angle: no stress
+    ad::Tape<float> tape(ad::Tape<float>::Mode::inference);
+    const Matrix<float> P = bench.model().stress.stress(tape.constant(F)).value();
+    const Matrix<float> P_stvk = stvk.stress(tape.constant(F)).value();
+    CHECK((P - P_stvk).row(0).norm() < 0.02f * P_stvk.row(0).norm());
+    CHECK(P.row(1).norm() == 0);
+    StressNetConfig biased;
+    biased.bias = true;
+    StressNet<float> net(biased, 1);
+    CHECK_THROWS_AS(make_linear_elastic(net, {1, 1}), std::invalid_argument);
+  }
+
+  TEST_CASE("the bench's loss has one value on both kinds of tape, and a gradient") {
+    BenchCase bench(fem::cube_mesh(3, 1), cube_step(3));
+    ad::Tape<float> inference(ad::Tape<float>::Mode::inference), tape;
+    const float value = bench.loss(inference, 5).value()(0, 0);
+    CHECK(value > 0);
+    CHECK(bench.loss(tape, 5).value()(0, 0) == value);
+    bench.gradient(tape, 5);
+    float largest = 0;
+    for (const auto* p : bench.model().parameters())
+      largest = std::max(largest, p->bar().cwiseAbs().maxCoeff());
+    CHECK(largest > 0);
+    CHECK(std::isfinite(largest));
+  }
+
+  TEST_CASE("the bench's body bounces, and stays a body") {
+    const BenchCase bench(fem::cube_mesh(4, 1), cube_step(4));
+    float highest = 0;
+    const RolloutEnd end = roll_out<float>(
+        bench.simulation(), bench.start(), 300,
+        [&](const Frame<float>& frame) { highest = std::max(highest, frame.x.maxCoeff()); });
+    CHECK_FALSE(end.diverged);
+    CHECK(end.n_inverted == 0);
+    CHECK(highest < 5);
+  }
+}
