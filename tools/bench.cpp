@@ -54,9 +54,10 @@ std::string to_table(const BenchResult& result) {
               ", built for vectors of ", result.simd_bits, " bits\n");
 }
 
-// Empty if it is not there: the rows say what they lack.
+// Empty if a folder that is there lacks it: the rows say so.
 std::string find_bob(const std::string& folder) {
   if (folder.empty()) return "";
+  if (!std::filesystem::is_directory(folder)) throw IoError("no folder " + in_quotes(folder));
   const Path bob = Path(folder) / "bob.msh";
   return std::filesystem::exists(bob) ? bob.string() : "";
 }
@@ -118,6 +119,7 @@ void add_bench(CLI::App& app) {
   const auto o = std::make_shared<Options>();
   bench.add_option("--only", o->only, "Measure this row alone; may be repeated")
       ->type_name("NAME")
+      ->default_str("")
       ->allow_extra_args(false);
   bench.add_option("--seconds", o->seconds, "Time to spend on a row")
       ->type_name("S")

@@ -30,25 +30,32 @@ void roll(const Simulation<float>& simulation, const BenchCase& bench, Index n_s
   must_hold(roll_out<float>(simulation, bench.start(), n_steps, [](const Frame<float>&) {}));
 }
 
+// Seconds of a step in the middle of a rollout: its first steps make its memory.
+double steady_step(const Simulation<float>& simulation, const BenchCase& bench) {
+  constexpr Index kWarm = 2, kLast = 10;
+  const Stopwatch watch;
+  double begin = 0, end = 0;
+  must_hold(roll_out<float>(simulation, bench.start(), kLast, [&](const Frame<float>& frame) {
+    (frame.t <= kWarm ? begin : end) = watch.seconds();
+  }));
+  return (end - begin) / (kLast - kWarm);
+}
+
 SizePoint at_size(Index n, double seconds, const std::function<void()>& each_round) {
   BenchCase bench(fem::cube_mesh(n, 1), cube_step(n));
   const fem::NeoHookean<float> law(5e5, 0.45);
   const fem::SemiImplicitEuler<float> euler(1000, {0, 0, -9.8});
   const Simulation<float> neural = bench.simulation();
   const Simulation<float> analytic{bench.mesh(), law, euler, neural.boundary, neural.h};
-  // So many steps that what a rollout costs at its start does not count.
-  const Index n_steps = 10, n_differentiated = 3;
+  constexpr Index kDifferentiated = 3;
   ad::Tape<float> tape;
-  const auto times =
-      take_turns({[&] { roll(neural, bench, n_steps); }, [&] { roll(analytic, bench, n_steps); },
-                  [&] { bench.gradient(tape, n_differentiated); }},
-                 seconds, kLeast, each_round);
-  // A rollout of n steps looks at the forces of n + 1 states.
-  const auto per_step = [&](std::size_t k, Index steps) {
-    return summarise(times[k]).median / static_cast<double>(steps);
-  };
-  return {bench.mesh().n_vertices(), bench.mesh().n_tets(), per_step(0, n_steps + 1),
-          per_step(1, n_steps + 1), per_step(2, n_differentiated)};
+  std::vector<double> neural_steps, analytic_steps;
+  const auto times = take_turns({[&] { neural_steps.push_back(steady_step(neural, bench)); },
+                                 [&] { analytic_steps.push_back(steady_step(analytic, bench)); },
+                                 [&] { bench.gradient(tape, kDifferentiated); }},
+                                seconds, kLeast, each_round);
+  return {bench.mesh().n_vertices(), bench.mesh().n_tets(), summarise(neural_steps).median,
+          summarise(analytic_steps).median, summarise(times[2]).median / kDifferentiated};
 }
 
 LengthPoint at_length(BenchCase& bench, Index n_steps, double seconds,

@@ -111,7 +111,7 @@ struct Tick {
 std::vector<Tick> log_ticks(const Range& range) {
   std::vector<Tick> ticks;
   const double decades = range.high - range.low;
-  const int step = static_cast<int>(std::ceil(decades / 8));
+  const int step = std::max(1, static_cast<int>(std::ceil(decades / 8)));
   for (int n = static_cast<int>(std::floor(range.low)); n <= range.high; ++n) {
     for (const int m : {1, 2, 5}) {
       const double at = n + std::log10(m);

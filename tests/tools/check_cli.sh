@@ -8,7 +8,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 # 1. Help and version.
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
-for command in data "data gen" "data info" "data verify" train rollout eval report grad-check; do
+for command in data "data gen" "data info" "data verify" train rollout eval report grad-check bench; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
   grep -q '^  nmp ' stdout || complain "nmp $command --help has no example line"
@@ -31,6 +31,10 @@ expect 2 train fast --data d -o m --stage joint && says "--model"
 expect 2 rollout --data d && says "model"
 expect 2 rollout --data d --model m --dt 1e-4 && says "semi-implicit"
 expect 2 data gen no_such_scene -o d && says "cube"
+expect 2 bench --only svdd && says "did you mean svd?" && silent
+expect 2 bench --only nothing_like_it && says "ground_truth" && silent
+expect 2 bench --vertices 5000 && says "--sweep"
+expect 2 bench --seconds -1
 expect 2 data gen "$(head -c 5000 /dev/zero | tr '\0' x)" -o d
 
 # 3. Files that are missing (5) or not what they should be (3), and settings (2).
@@ -100,6 +104,24 @@ expect 3 report --model m.safetensors --data d --eval eval.json --metrics text -
 [ ! -e bad.html ] || complain "a refused report left a file"
 expect 5 report --model m.safetensors --data d --eval eval.json -o no_such_folder/r.html
 expect 0 grad-check --json && is_json && prints '"group": "rollout"'
+
+# Every row of the bench has its keys, also one that is skipped; counts are real; a page is kept.
+quickly=(--seconds 0 --repetitions 1)
+unset NMP_MESHES
+expect 0 bench --json "${quickly[@]}" --only svd --only stress_module --only ground_truth \
+  --only allocations --only bob_rollout --only stress_mlp_gradient && is_json
+for key in name value spread good great verdict note; do
+  [ "$(grep -c "^   \"$key\":" stdout)" -ge 5 ] || complain "a row of the bench has no $key"
+done
+[ "$(grep -cE '"verdict": "(great|good|short|skipped)"' stdout)" -eq 5 ] || complain "no verdict"
+prints "--meshes" && prints '"value": null'
+expect 0 bench "${quickly[@]}" --only svd --only bob_rollout && prints "skipped"
+expect 5 bench "${quickly[@]}" --only bob_rollout --meshes no_such_folder && says "no_such_folder"
+sweep=(bench --sweep --vertices 1000 --steps 3 "${quickly[@]}")
+expect 0 "${sweep[@]}" --json && is_json && prints '"n_steps": 3'
+expect 0 "${sweep[@]}" -o sweep.html && prints "tetrahedra"
+grep -q "<svg" sweep.html || complain "the page of the sweep has no plot"
+expect 2 "${sweep[@]}" -o sweep.html && says "--force"
 
 # A flipped bit of a trajectory is seen by everything that uses it, before anything is written.
 cp -r d damaged

@@ -37,6 +37,7 @@ declare -A complete=(
   ["eval"]="--model m --data d"
   ["report"]="--model m --data d --eval eval.json -o new"
   ["grad-check"]=""
+  ["bench"]="--only svd"
 )
 huge=$(head -c 100000 /dev/zero | tr '\0' x)
 escape=$'\e[31mred'
@@ -48,7 +49,8 @@ for command in "${!complete[@]}"; do
   expect 2 "${name[@]}" "${rest[@]}" "$escape"
   expect 2 "${name[@]}" "${rest[@]}" --json=maybe
   expect 2 "${name[@]}" "${rest[@]}" extra words "$huge"
-  for option in --threads --seed --horizons --frames --trajectory --trajectories --max-minutes; do
+  for option in --threads --seed --horizons --frames --trajectory --trajectories --max-minutes \
+    --seconds --repetitions --vertices; do
     for value in '' -1 x 1e99 99999999999999999999999 nan; do
       expect 2 "${name[@]}" "${rest[@]}" $option "$value"
     done
@@ -64,7 +66,7 @@ for command in "${!complete[@]}"; do
     expect 2 "${name[@]}" "${rest[@]}" $option
     expect 2 "${name[@]}" "${rest[@]}" $option 1 $option 1
   done
-  [ "$command" = grad-check ] || expect 2 "${name[@]}"
+  [ "$command" = grad-check ] || [ "$command" = bench ] || expect 2 "${name[@]}"
   [ ! -e new ] || complain "nmp $command: a refused command line left a file"
 done
 expect 2 "$huge"
@@ -159,6 +161,7 @@ cmp -s m m.kept && cmp -s r r.kept && cmp -s p.html p.kept && cmp -s m.metrics.j
 
 # 5. A result that cannot be delivered.
 for arguments in --help --version "data --help" "data info d" "data verify d" "grad-check --json" \
+  "bench --only svd --seconds 0 --repetitions 1" \
   "eval --model m --data d --methods rest" "rollout --data d --constitutive stvk --integrator semi-implicit"; do
   read -ra words <<<"$arguments"
   "$nmp" "${words[@]}" >&- 2>stderr
