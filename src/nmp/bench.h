@@ -63,6 +63,9 @@ struct BenchResult {
 std::vector<std::string> bench_row_names();
 std::vector<std::string> bench_time_names();
 
+/// A row with its goals, not measured yet. @throws std::invalid_argument  for an unknown name
+BenchRow bench_row(const std::string& name);
+
 /// "great", "good" or "short".
 std::string bench_verdict(double value, double good, double great, bool less_is_better);
 

@@ -75,10 +75,10 @@ using Table = std::vector<std::vector<std::string>>;
 
 Table size_table(const Sweep& sweep) {
   Table rows{{"vertices", "tetrahedra", "neural step [ms]", "analytic step [ms]",
-              "gradient of a step [ms]", "neural, ns per tetrahedron"}};
+              "gradient of a step [ms]", "µs per tetrahedron"}};
   for (const SizePoint& p : sweep.sizes)
     rows.push_back({text(p.n_vertices), text(p.n_tets), ms(p.neural), ms(p.analytic),
-                    ms(p.gradient), report::plain(1e9 * p.neural / double(p.n_tets))});
+                    ms(p.gradient), report::plain(1e6 * p.neural / double(p.n_tets))});
   return rows;
 }
 
@@ -109,12 +109,14 @@ struct Line {
 };
 
 std::string figure(const std::string& title, const std::string& x_label, const std::string& y_label,
-                   const std::vector<double>& x, const std::vector<Line>& lines) {
+                   const std::vector<double>& x, const std::vector<Line>& lines,
+                   bool log_y = true) {
   LinePlot plot;
   plot.name = title;
   plot.x_label = x_label;
   plot.y_label = y_label;
   plot.log_x = true;
+  plot.log_y = log_y;
   for (const Line& line : lines) {
     Curve curve{line.label, {line.colour, "", 2}, x, {}, {}, {}};
     for (std::size_t i = 0; i < x.size(); ++i) curve.y.push_back(line.y(i));
@@ -202,7 +204,7 @@ std::string sweep_page(const Sweep& sweep) {
                  {{"gradient", 1, length(&LengthPoint::gradient, 1e3)},
                   {"neural", 0, length(&LengthPoint::neural, 1e3)}}) +
           figure("Memory of the tape", "steps", "MB", steps,
-                 {{"tape", 3, length(&LengthPoint::tape_bytes, 1e-6)}}) +
+                 {{"tape", 3, length(&LengthPoint::tape_bytes, 1e-6)}}, false) +
           "</section>\n");
 }
 

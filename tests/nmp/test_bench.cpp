@@ -1,16 +1,62 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
-#include "fem/laws.h"
+#include "base/check.h"
 #include "fem/mesh_cube.h"
 #include "fem/stvk.h"
+#include "nmp/bench.h"
 #include "nmp/bench_case.h"
 #include "nmp/bench_reference.h"
 
 using namespace nmp;
 
 TEST_SUITE("nmp/bench") {
+  TEST_CASE("verdicts look at the side that is wanted, and goals belong to it") {
+    CHECK(bench_verdict(0.55, 0.4, 0.55, false) == "great");
+    CHECK(bench_verdict(0.5, 0.4, 0.55, false) == "good");
+    CHECK(bench_verdict(0.39, 0.4, 0.55, false) == "short");
+    CHECK(bench_verdict(3.6, 4.2, 3.6, true) == "great");
+    CHECK(bench_verdict(4.2, 4.2, 3.6, true) == "good");
+    CHECK(bench_verdict(4.3, 4.2, 3.6, true) == "short");
+    CHECK(bench_verdict(0, 0, 0, true) == "great");
+    CHECK(bench_verdict(1, 0, 0, true) == "short");
+  }
+
+  TEST_CASE("rows are named once, and a program that cannot count skips what counts") {
+    const auto rows = bench_row_names(), times = bench_time_names();
+    CHECK(rows.size() == 7);
+    for (const std::string& name : rows) {
+      CHECK(std::count(times.begin(), times.end(), name) == 0);
+      CHECK(bench_row(name).verdict.empty());
+    }
+    BenchOptions options;
+    options.seconds = 0;
+    options.repetitions = 1;
+    options.only = {"allocations", "memory", "bob_rollout"};
+    const BenchResult skipped = bench(options);
+    REQUIRE(skipped.rows.size() == 3);
+    for (const BenchRow& row : skipped.rows) {
+      CHECK(row.verdict == "skipped");
+      CHECK(std::isnan(row.value));
+    }
+    CHECK(skipped.body.empty());
+    options.only = {"svdd"};
+    CHECK_THROWS_AS(bench(options), ConfigError);
+    CHECK_THROWS_AS(bench_row("svdd"), std::invalid_argument);
+  }
+
+  TEST_CASE("a run can be ended between two repetitions") {
+    BenchOptions options;
+    options.only = {"svd"};
+    options.progress = [](const std::string& row) {
+      if (row == "svd") throw std::runtime_error("enough");
+    };
+    CHECK_THROWS_WITH(bench(options), "enough");
+  }
+
   TEST_CASE("the scalar loop moves a falling cube as the simulator does") {
     const fem::TetMesh<double> mesh = fem::cube_mesh(3, 1);
     fem::Physics physics;
