@@ -7,6 +7,8 @@
 #include <cstdlib>
 #include <new>
 
+#if defined(NMP_HEAP_METER)
+
 namespace {
 
 std::atomic<bool> counting{false};
@@ -35,8 +37,6 @@ void* counted(void* block) {
 }  // namespace
 
 // The linker puts these in the places of the calls (--wrap, see CMakeLists.txt).
-#if defined(NMP_HEAP_METER)
-
 extern "C" {
 void* __real_malloc(std::size_t);
 void* __real_calloc(std::size_t, std::size_t);
