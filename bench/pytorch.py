@@ -14,6 +14,7 @@ Needs Debian's python3-torch and libopenblas0-pthread, and the system's Python.
 """
 
 import argparse
+import ctypes
 import json
 import math
 import os
@@ -23,11 +24,24 @@ import sys
 import tempfile
 import time
 
+
+def use_whole_processor():
+    """PyTorch 1.13 uses 16 floats at a time only where it is asked to; OpenBLAS does by itself,
+    unless the environment keeps it from that. Both look at it when they are loaded."""
+    os.environ.pop("OPENBLAS_CORETYPE", None)
+    with open("/proc/cpuinfo", encoding="utf-8") as cpus:
+        flags = next((line.split() for line in cpus if line.startswith("flags")), [])
+    if {"avx512f", "avx512bw", "avx512dq", "avx512vl"} <= set(flags):
+        os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx512")
+
+
+if "--as-installed" not in sys.argv[1:]:
+    use_whole_processor()
 try:
     import torch
     import torch.nn.functional as nnf
 except ImportError:
-    sys.exit("bench/pytorch.py: no PyTorch here: apt-get install python3-torch libopenblas0-pthread")
+    sys.exit("bench/pytorch.py: needs PyTorch: apt-get install python3-torch libopenblas0-pthread")
 
 BATCH = 4096  # elements, where there is no mesh
 STEPS = 60
@@ -241,7 +255,8 @@ class IntegrationNet(torch.nn.Module):
         height = torch.cat((centred[:, :2], x[:, 2:] / self.scale_x), 1)
         inputs = (centred @ T.t(), height, v / self.scale_v, force / self.scale_f)
         embedded = [nnf.silu(embed(each)) for embed, each in zip(self.embeddings, inputs)]
-        return self.alpha * force + self.b + self.scale_a * self.mlp(torch.cat((*embedded, *inputs), 1))
+        net = self.mlp(torch.cat((*embedded, *inputs), 1))
+        return self.alpha * force + self.b + self.scale_a * net
 
 
 class Simulation:
@@ -376,8 +391,8 @@ def rough_F(n, dtype=torch.float32):
     F = torch.eye(3, dtype=torch.float64) + 0.3 * torch.randn(
         (n, 3, 3), generator=generator, dtype=torch.float64
     )
-    F = torch.where((determinant(F) < 0.1).unsqueeze(2), torch.eye(3, dtype=torch.float64) * 1.1, F)
-    return F.to(dtype)
+    usual = torch.eye(3, dtype=torch.float64) * 1.1
+    return torch.where((determinant(F) < 0.1).unsqueeze(2), usual, F).to(dtype)
 
 
 def checks():
@@ -389,7 +404,8 @@ def checks():
     R, sigma = op(F)
     R_svd, sigma_svd = naive_polar_and_sigma(F)
     # Where eigenvalues are equal an angle keeps half of the digits; R does not feel that.
-    check(float((sigma - sigma_svd).abs().max()) < 1e-7, "singular values, against torch.linalg.svd")
+    error = float((sigma - sigma_svd).abs().max())
+    check(error < 1e-7, f"singular values, against torch.linalg.svd, {error}")
     check(float((R - R_svd).abs().max()) < 1e-7, "rotations, against torch.linalg.svd")
     generic = F[3:9].clone().requires_grad_()
     check(torch.autograd.gradcheck(op, (generic,)), "adjoint, against central differences")
@@ -552,7 +568,8 @@ def run_nmp(options, arguments):
 
 
 def nmp_seconds(options):
-    names = ("stress_mlp_forward", "stress_mlp_gradient", "stress_module_gradient", "training_iteration")
+    names = ["stress_mlp_forward", "stress_mlp_gradient"]
+    names += ["stress_module_gradient", "training_iteration"]
     arguments = ["--seconds", "0", "--repetitions", str(options.repetitions)]
     for name in names:
         arguments += ["--only", name]
@@ -562,19 +579,29 @@ def nmp_seconds(options):
 
 def loaded_blas():
     with open("/proc/self/maps", encoding="utf-8") as maps:
-        names = {os.path.basename(os.path.realpath(line.split()[-1])) for line in maps if "blas" in line}
-    return sorted(names)
+        paths = {line.split()[-1] for line in maps if "blas" in line}
+    return sorted({os.path.basename(os.path.realpath(path)) for path in paths})
+
+
+def openblas_core():
+    """Which kernels OpenBLAS has chosen."""
+    try:
+        name = ctypes.CDLL("libopenblas.so.0").openblas_get_corename
+    except (OSError, AttributeError):
+        return "?"
+    name.restype = ctypes.c_char_p
+    return name().decode()
 
 
 def facts(options, document):
-    config = dict(
-        line.strip(" -").split(": ", 1) for line in torch.__config__.show().split("\n") if ": " in line
-    )
+    shown = [line.strip(" -") for line in torch.__config__.show().split("\n")]
+    config = dict(line.split(": ", 1) for line in shown if ": " in line)
     return {
         "torch": torch.__version__,
         "cpu_capability": config.get("CPU capability usage", "?"),
         "blas": loaded_blas(),
-        "onednn": next((w for w in torch.__config__.show().split("\n") if "MKL-DNN" in w), "").strip(" -"),
+        "openblas_core": openblas_core(),
+        "onednn": next((line for line in shown if "MKL-DNN" in line), "none"),
         "torch_threads": torch.get_num_threads(),
         "nmp_threads": document["threads"],
         "nmp_build_simd_bits": document["build_simd_bits"],
@@ -617,6 +644,9 @@ def main():
     parser.add_argument("--rounds", type=int, default=15, help="of turns (default: 15)")
     parser.add_argument("--repetitions", type=int, default=3, help="in a round (default: 3)")
     parser.add_argument("--meshes", default=os.environ.get("NMP_MESHES"), help="folder of bob.msh")
+    parser.add_argument(
+        "--as-installed", action="store_true", help="leave PyTorch's AVX-512 off"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
@@ -624,8 +654,11 @@ def main():
     document, _ = nmp_seconds(options)
     known = facts(options, document)
     if not any("openblas" in name for name in known["blas"]):
-        print("warning: PyTorch has no OpenBLAS here (apt-get install libopenblas0-pthread): "
-              "its products run on a reference BLAS, and no ratio below is fair", file=sys.stderr)
+        print(
+            "warning: PyTorch has no OpenBLAS here (apt-get install libopenblas0-pthread): "
+            "its products run on a reference BLAS, and no ratio below is fair",
+            file=sys.stderr,
+        )
     simulations = simulate(options, document)
     losses = {}
     for name, simulation in simulations.items():

@@ -243,8 +243,22 @@ void BenchMeasure::ground_truth(BenchRow& row) {
            mesh.n_tets(), " tetrahedra, ", kTrajectories, " trajectories at a time");
 }
 
+// A meter that counts nothing would please everybody: it must see a matrix and a vector.
+void BenchMeasure::check_meter() {
+  options_.heap.start();
+  const float value = sink_;
+  const Matrix<float> matrix = Matrix<float>::Constant(60, 60, value);
+  const std::vector<float> vector(1000, value);
+  sink_ += matrix.sum() + vector.back();
+  const HeapUse use = options_.heap.read();
+  if (use.allocations != 2 || use.peak_bytes < 4 * (60 * 60 + 1000))
+    throw NumericalError(text("the heap meter has counted ", use.allocations, " allocations of ",
+                              use.peak_bytes, " bytes instead of 2 of 18400"));
+}
+
 void BenchMeasure::allocations(BenchRow& row) {
   if (!options_.heap.start) return skip(row, "this program cannot count its allocations");
+  check_meter();
   const BenchCase& bench = body();
   constexpr Index kFirst = 10, kLast = 60;
   HeapUse use;
@@ -264,6 +278,7 @@ void BenchMeasure::allocations(BenchRow& row) {
 void BenchMeasure::memory(BenchRow& row) {
   if (!options_.heap.start) return skip(row, "this program cannot count its allocations");
   constexpr Index kVertices = 22, kLong = 200;
+  check_meter();
   each_round();
   options_.heap.start();
   std::size_t tape_bytes = 0;

@@ -33,6 +33,7 @@ class BenchMeasure {
   void each_round() const;
   std::vector<std::vector<double>> in_turns(const std::vector<std::function<void()>>& pieces) const;
   std::string on_body() const;
+  void check_meter();
 
   void stress_module(BenchRow& row);
   void gradient(BenchRow& row);

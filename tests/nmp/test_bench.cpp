@@ -43,6 +43,9 @@ TEST_SUITE("nmp/bench") {
       CHECK(std::isnan(row.value));
     }
     CHECK(skipped.body.empty());
+    options.only = {"allocations"};
+    options.heap = {[] {}, [] { return HeapUse(); }};  // a meter that sees nothing
+    CHECK_THROWS_AS(bench(options), NumericalError);
     options.only = {"svdd"};
     CHECK_THROWS_AS(bench(options), ConfigError);
     CHECK_THROWS_AS(bench_row("svdd"), std::invalid_argument);
