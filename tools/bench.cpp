@@ -4,6 +4,7 @@
 //   nmp bench --only svd --only gradient
 //   nmp bench --sweep -o bench.html
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -92,9 +93,11 @@ void run(const Options& o) {
   options.repetitions = o.repetitions;
   options.bob = find_bob(o.meshes);
   options.heap = common::heap_meter();
+  const std::vector<std::string> names = o.only.empty() ? bench_row_names() : o.only;
   options.progress = [&](const std::string& row) {
     common::stop_if_requested();
-    progress.update(0, row);
+    const auto done = std::find(names.begin(), names.end(), row) - names.begin();
+    progress.update(static_cast<double>(done) / static_cast<double>(names.size()), row);
   };
   const BenchResult result = bench(options);
   progress.clear();

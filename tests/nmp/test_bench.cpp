@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <string>
 
 #include "base/check.h"
 #include "fem/mesh_cube.h"
@@ -10,6 +11,7 @@
 #include "nmp/bench.h"
 #include "nmp/bench_case.h"
 #include "nmp/bench_reference.h"
+#include "nmp/bench_sweep.h"
 
 using namespace nmp;
 
@@ -119,6 +121,47 @@ TEST_SUITE("nmp/bench") {
       largest = std::max(largest, p->bar().cwiseAbs().maxCoeff());
     CHECK(largest > 0);
     CHECK(std::isfinite(largest));
+  }
+
+  TEST_CASE("a sweep becomes tables and a page with logarithmic axes, of one point too") {
+    Sweep sweep;
+    sweep.threads = 1;
+    sweep.sizes = {{1000, 3645, 2e-3, 1e-4, 8e-3}};
+    sweep.lengths = {{1, 4e-3, 9e-3, 3e7}};
+    CHECK(sweep_page(sweep).find("nan") == std::string::npos);
+    sweep.sizes.push_back({97336, 455625, 0.4, 0.02, 1.7});
+    sweep.lengths.push_back({1000, 3, 11, 8e7});
+    const std::string page = sweep_page(sweep);
+    for (const char* tick : {">10³<", ">10⁴<", ">10¹<", ">10²<"})
+      CHECK(page.find(tick) != std::string::npos);
+    CHECK(page.find("nan") == std::string::npos);
+    const auto tables = sweep_tables(sweep);
+    REQUIRE(tables.size() == 2);
+    CHECK(tables[0].size() == 3);
+    CHECK(tables[1][2][0] == "1000");
+    CHECK(to_json(sweep).find("\"n_vertices\": 97336") != std::string::npos);
+  }
+
+  TEST_CASE("a short sweep measures what it says") {
+    SweepOptions options;
+    options.seconds = 0;
+    options.max_vertices = 1000;
+    options.max_steps = 3;
+    double last = -1;
+    options.progress = [&](double part, const std::string&) {
+      CHECK(part >= last);
+      CHECK(part < 1);
+      last = part;
+    };
+    const Sweep short_one = sweep(options);
+    REQUIRE(short_one.sizes.size() == 1);
+    CHECK(short_one.sizes[0].n_vertices == 1000);
+    CHECK(short_one.sizes[0].neural > 0);
+    CHECK(short_one.sizes[0].analytic > 0);
+    CHECK(short_one.sizes[0].gradient > 0);
+    REQUIRE(short_one.lengths.size() == 2);
+    CHECK(short_one.lengths[1].n_steps == 3);
+    CHECK(short_one.lengths[1].tape_bytes > 0);
   }
 
   TEST_CASE("the bench's body bounces, and stays a body") {
