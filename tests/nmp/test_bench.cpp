@@ -76,8 +76,8 @@ TEST_SUITE("nmp/bench") {
     fem::Simulator<double> simulator(mesh, physics, dt);
     simulator.advance(state, 400);
     CHECK(state.x.col(2).minCoeff() == -0.55);                        // it is on the ground
-    CHECK((loop.state().x - state.x).cwiseAbs().maxCoeff() < 1e-11);  // measured 1e-14
-    CHECK((loop.state().v - state.v).cwiseAbs().maxCoeff() < 1e-8);   // measured 1e-12
+    CHECK((loop.state().x - state.x).cwiseAbs().maxCoeff() < 1e-13);  // measured 2e-16
+    CHECK((loop.state().v - state.v).cwiseAbs().maxCoeff() < 1e-11);  // measured 2e-14
     physics.pinned = {0};
     CHECK_THROWS_AS(ScalarLoop(mesh, physics, dt), std::invalid_argument);
     physics.pinned.clear();
@@ -101,7 +101,7 @@ TEST_SUITE("nmp/bench") {
     ad::Tape<float> tape(ad::Tape<float>::Mode::inference);
     const Matrix<float> P = bench.model().stress.stress(tape.constant(F)).value();
     const Matrix<float> P_stvk = stvk.stress(tape.constant(F)).value();
-    CHECK((P - P_stvk).row(0).norm() < 0.02f * P_stvk.row(0).norm());
+    CHECK((P - P_stvk).row(0).norm() < 0.02f * P_stvk.row(0).norm());  // measured 0.0074
     CHECK(P.row(1).norm() == 0);
     StressNetConfig biased;
     biased.bias = true;
