@@ -34,14 +34,27 @@ Alignment<Real>::Alignment(const std::string& name, Kind kind, const std::vector
           true, random),
       head_(name + ".head",
             {widths[widths.size() - 2], widths.back(), kind == Kind::free ? Index(9) : Index(4)},
-            true, random) {
+            true, random),
+      identity_(identity_row<Real>(kind)) {
   head_.last().W().mutable_value().setZero();
 }
 
 template <class Real>
 Var<Real> Alignment<Real>::operator()(Var<Real> x, Index group) const {
-  const Var<Real> code = ad::group_max(ad::silu(encoder_(x)), group);
-  const Var<Real> out = ad::add_row(head_(code), x.tape().constant(identity_row<Real>(kind_)));
+  if constexpr (kHasLanes<Real>)
+    return transform(nn::tile_group_max<Real>(encoder_.leaves(x.tape(), true), x, group));
+  else
+    return compose(x, group);
+}
+
+template <class Real>
+Var<Real> Alignment<Real>::compose(Var<Real> x, Index group) const {
+  return transform(ad::group_max(ad::silu(encoder_.compose(x)), group));
+}
+
+template <class Real>
+Var<Real> Alignment<Real>::transform(Var<Real> code) const {
+  const Var<Real> out = ad::add_row(head_(code), code.tape().constant(identity_));
   return kind_ == Kind::free ? out : rotation_of_quaternion(out);
 }
 

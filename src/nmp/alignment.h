@@ -30,12 +30,16 @@ class Alignment {
   /// @param group  vertices of a mesh
   /// @return       T: #meshes x 9
   Var<Real> operator()(Var<Real> x, Index group) const;
+  /// The same as a composition of operators: the reference.
+  Var<Real> compose(Var<Real> x, Index group) const;
 
   nn::ParameterList<Real> parameters();
 
  private:
+  Var<Real> transform(Var<Real> code) const;
   Kind kind_;
   nn::Mlp<Real> encoder_, head_;
+  Matrix<Real> identity_;  // what the head's outputs are added to
 };
 
 /// The rotation matrix of a quaternion q = (w, x, y, z) of any length > 0: #rows x 4 -> #rows x 9.

@@ -1,5 +1,7 @@
 #include "nmp/integration_net.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "autodiff/ops_basic.h"
@@ -100,25 +102,53 @@ typename IntegrationNet<Real>::Acceleration IntegrationNet<Real>::acceleration(
       batch.rows ? ad::group_transform(own, ad::gather_rows(T, *batch.meshes), Index(1))
                  : ad::group_transform(own, T, batch.group);
 
-  Var<Real> x = own;
+  // Positions of which the height may not be relative.
+  Var<Real> x = own, height;
   if (scales_.positions != "centred") {
     const Var<Real> absolute = ad::scale(pick(batch.cloud), reciprocal(scales_.x));
-    x = scales_.positions == "absolute"
-            ? absolute
-            : ad::concat<Real>({ad::slice(own, 0, 2), ad::slice(absolute, 2, 1)});
+    x = scales_.positions == "absolute" ? absolute : ad::slice(own, 0, 2);
+    if (scales_.positions == "height") height = ad::slice(absolute, 2, 1);
   }
-
-  std::vector<Var<Real>> inputs{aligned, x, ad::scale(batch.v, reciprocal(scales_.v)),
-                                ad::scale(batch.force, reciprocal(scales_.f))};
-  std::vector<Var<Real>> features;
-  for (std::size_t k = 0; k < inputs.size(); ++k)
-    features.push_back(ad::silu(embeddings_[k](inputs[k])));
-  features.insert(features.end(), inputs.begin(), inputs.end());
-  a.residual = mlp_(ad::concat(features));
+  const Var<Real> v = ad::scale(batch.v, reciprocal(scales_.v)),
+                  f = ad::scale(batch.force, reciprocal(scales_.f));
+  std::array<Var<Real>, kQuantities + 1> inputs{aligned, x};
+  std::size_t n_inputs = 2;
+  if (scales_.positions == "height") inputs[n_inputs++] = height;
+  inputs[n_inputs++] = v;
+  inputs[n_inputs++] = f;
+  a.residual = evaluate(inputs.data(), n_inputs);
 
   const Var<Real> net = ad::scale(a.residual, static_cast<Real>(scales_.a));
   a.total = affine() ? ad::add(a.total, net) : net;
   return a;
+}
+
+// The embeddings and the inputs themselves are the first layer of one net on tiles.
+template <class Real>
+Var<Real> IntegrationNet<Real>::evaluate(const Var<Real>* inputs, std::size_t n_inputs) const {
+  if constexpr (kHasLanes<Real>) {
+    using Net = nn::MlpTile<Real>;
+    auto& tape = inputs[0].tape();
+    const typename Net::Net rest = mlp_.leaves(tape);
+    auto* layers = tape.template keep<typename Net::Layer>(rest.n_layers + 1);
+    new (layers) typename Net::Layer{nn::pieces_of(tape, embeddings_.data(), kQuantities),
+                                     kQuantities, 3 * kQuantities, 3 * kQuantities, true};
+    std::copy_n(rest.layers, rest.n_layers, layers + 1);
+    return nn::tile_mlp<Real>({layers, rest.n_layers + 1}, inputs, n_inputs);
+  } else {
+    return compose(inputs, n_inputs);
+  }
+}
+
+template <class Real>
+Var<Real> IntegrationNet<Real>::compose(const Var<Real>* inputs, std::size_t n_inputs) const {
+  const Var<Real> all = ad::concat<Real>({inputs, inputs + n_inputs});
+  std::vector<Var<Real>> features;
+  for (Index k = 0; k < kQuantities; ++k)
+    features.push_back(
+        ad::silu(embeddings_[static_cast<std::size_t>(k)](ad::slice(all, 3 * k, 3))));
+  features.push_back(all);
+  return mlp_.compose(ad::concat(features));
 }
 
 template <class Real>

@@ -59,6 +59,12 @@ class IntegrationNet : public fem::Integrator<Real> {
   };
   Acceleration acceleration(const Batch& batch) const;
 
+  /// The net's output before scale_a for its inputs, 12 columns in all: x~, x, v, f, each scaled.
+  /// `evaluate` is one operator on tiles where Real has SIMD lanes, otherwise compose(), the
+  /// reference.
+  Var<Real> evaluate(const Var<Real>* inputs, std::size_t n_inputs) const;
+  Var<Real> compose(const Var<Real>* inputs, std::size_t n_inputs) const;
+
   /// The affine part's two numbers: alpha [m3/kg], the reciprocal density, and b [m/s2], gravity.
   /// The form "affine" only.
   void set_affine(double alpha, const Vec3<double>& b);

@@ -6,6 +6,7 @@
 #include "autodiff/singular_values.h"
 #include "autodiff/svd3.h"
 #include "fem/deformation_gradient.h"
+#include "nn/tile_operators.h"
 
 namespace nmp {
 
@@ -130,7 +131,7 @@ void adjoint_of_features(const Block<Real, kFeatures>& z_bar, const Block<Real, 
 
 template <class Real>
 Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
-                                const typename nn::Mlp<Real>::Leaves& net, Real scale,
+                                const typename nn::MlpTile<Real>::Net& net, Real scale,
                                 Real z_scale) {
   auto& tape = x.tape();
   const Index n_tets = mesh.n_tets();
@@ -139,7 +140,7 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   const Real reciprocal = Real(1) / z_scale;
   const auto x_value = x.value();
 
-  const nn::MlpTile<Real> forward(net.layers, net.n, false);
+  const nn::MlpTile<Real> forward(net, false);
   NMP_CHECK(forward.n_in() == kFeatures && forward.n_out() == 9,
             text("a stress net goes from 13 to 9 numbers, this one from ", forward.n_in(), " to ",
                  forward.n_out()));
@@ -162,7 +163,7 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
 
   const auto adjoint = [mesh, x, net, scale, reciprocal,
                         n_tets](const ConstMatrixMap<Real>& f_bar) {
-    const nn::MlpTile<Real> tile(net.layers, net.n, true);
+    const nn::MlpTile<Real> tile(net, true);
     const bool x_wanted = x.needs_grad();
     const auto value = x.value();
     MatrixMap<Real> bars = x.tape().allocate(x_wanted ? n_tets : 0, 12);
@@ -198,13 +199,13 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
     });
     if (x_wanted) fem::sum_corners<Real>(mesh, bars, x.bar());
   };
-  const auto inputs = net.with(tape, x);
+  const auto inputs = nn::with_weights<Real>(net, &x, 1);
   return tape.record_span("neural_internal_force", inputs.at, inputs.n, f_int, adjoint);
 }
 
 #define NMP_INSTANTIATE(Real)                                                    \
   template Var<Real> neural_internal_force(const fem::TetMesh<Real>&, Var<Real>, \
-                                           const typename nn::Mlp<Real>::Leaves&, Real, Real);
+                                           const typename nn::MlpTile<Real>::Net&, Real, Real);
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "fem/tet_mesh.h"
-#include "nn/mlp.h"
+#include "nn/mlp_tile.h"
 
 namespace nmp {
 
@@ -15,7 +15,7 @@ namespace nmp {
 /// @return     #V x 3 [N]
 template <class Real>
 ad::Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, ad::Var<Real> x,
-                                    const typename nn::Mlp<Real>::Leaves& net, Real scale,
+                                    const typename nn::MlpTile<Real>::Net& net, Real scale,
                                     Real z_scale);
 
 }  // namespace nmp

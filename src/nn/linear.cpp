@@ -1,5 +1,7 @@
 #include "nn/linear.h"
 
+#include <new>
+
 #include <cmath>
 
 #include "autodiff/ops_dense.h"
@@ -43,7 +45,28 @@ ParameterList<Real> Linear<Real>::parameters() {
   return list;
 }
 
-template class Linear<float>;
-template class Linear<double>;
+template <class Real>
+const typename MlpTile<Real>::Piece* pieces_of(ad::Tape<Real>& tape, const Linear<Real>* layers,
+                                               Index n) {
+  using Piece = typename MlpTile<Real>::Piece;
+  Piece* pieces = tape.template keep<Piece>(n);
+  Index in_at = 0;
+  for (Index i = 0; i < n; ++i) {
+    Piece& piece = *new (pieces + i) Piece();
+    piece.W = tape.parameter(layers[i].W());
+    piece.has_bias = layers[i].b() != nullptr;
+    if (piece.has_bias) piece.b = tape.parameter(*layers[i].b());
+    piece.in_at = in_at;
+    in_at += layers[i].W().value().cols();
+  }
+  return pieces;
+}
+
+#define NMP_INSTANTIATE(Real)                                                                   \
+  template class Linear<Real>;                                                                  \
+  template const typename MlpTile<Real>::Piece* pieces_of(ad::Tape<Real>&, const Linear<Real>*, \
+                                                          Index);
+
+#include "autodiff/instantiate.h"
 
 }  // namespace nmp::nn

@@ -6,6 +6,7 @@
 #include "autodiff/parameter.h"
 #include "autodiff/tape.h"
 #include "base/random.h"
+#include "nn/mlp_tile.h"
 #include "nn/parameter_list.h"
 
 namespace nmp::nn {
@@ -31,5 +32,11 @@ class Linear {
   ad::Parameter<Real> W_;                 // n_out x n_in
   std::optional<ad::Parameter<Real>> b_;  // 1 x n_out
 };
+
+/// Linear layers on equal parts of a net's inputs, one after another, as leaves of a tape: pieces
+/// of one layer on tiles.
+template <class Real>
+const typename MlpTile<Real>::Piece* pieces_of(ad::Tape<Real>& tape, const Linear<Real>* layers,
+                                               Index n);
 
 }  // namespace nmp::nn

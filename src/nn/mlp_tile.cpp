@@ -57,8 +57,8 @@ NMP_INLINE void product(const Real* scalars, Index row_step, Index k_step, const
 // What happens to a layer's outputs before they are left.
 template <class Real>
 struct Finish {
-  bool silu = false;             // y <- silu(y)
-  Real* slope = nullptr;         // and the derivative is kept here
+  Index n_silu = 0;              // y <- silu(y) in so many columns
+  Real* slope = nullptr;         // the derivative is kept here, 1 in the other columns
   const Real* factor = nullptr;  // y <- factor y
 };
 
@@ -78,11 +78,16 @@ void block_product(const Real* x, Index x_stride, const Real* W_T, const Real* b
     store<Real>(y + r * y_stride + n, sum);
   };
   product<Real, R, N>(x, x_stride, 1, W_T, y_stride, K, b, put);
-  if (!finish.silu) return;
-  for (Index r = 0; r < R; ++r) {
-    for (Index n = 0; n < N * kWidth; n += kWidth) {
+  for (Index n = 0; n < N * kWidth; n += kWidth) {
+    const Index n_silu = std::clamp(finish.n_silu - n, Index(0), kWidth);  // of these columns
+    if (n_silu == 0 && !finish.slope) continue;
+    for (Index r = 0; r < R; ++r) {
       const Index at = r * y_stride + n;
-      const Silu<Real> silu = silu_parts<Real>(load(y + at));
+      Silu<Real> silu = silu_parts<Real>(load(y + at));
+      if (n_silu < kWidth) {
+        const Lanes<Real> as_it_is = load(y + at);
+        for (Index l = n_silu; l < kWidth; ++l) silu.y[l] = as_it_is[l], silu.slope[l] = Real(1);
+      }
       store<Real>(y + at, silu.y);
       if (finish.slope) store<Real>(finish.slope + at, silu.slope);
     }
@@ -138,6 +143,7 @@ void layer_product(const Real* x, Index x_stride, const Real* W_T, const Real* b
       for_row_blocks<N>(rows, [&](Index r, auto R) {
         const Index at = r * y_stride + n;
         Finish<Real> here = finish;
+        here.n_silu -= n;
         if (here.slope) here.slope += at;
         if (here.factor) here.factor += at;
         block_product<Real, R, N>(x + r * x_stride, x_stride, W_T + n, b ? b + n : nullptr, K,
@@ -164,56 +170,71 @@ void outer_product(const Real* y_bar, Index y_stride, Index n_out, const Real* x
 }  // namespace
 
 template <class Real>
-MlpTile<Real>::MlpTile(const Layer* layers, Index n_layers, bool adjoint) : n_layers_(n_layers) {
-  NMP_CHECK(n_layers >= 1, "a tile needs at least one layer");
-  auto& tape = layers[0].W.tape();
-  shapes_ = tape.template keep<Shape>(n_layers);
+MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers) {
+  NMP_CHECK(net.n_layers >= 1 && net.layers[0].n_pieces >= 1, "a tile needs at least one layer");
+  auto& tape = net.layers[0].pieces[0].W.tape();
+  shapes_ = tape.template keep<Shape>(n_layers_);
   Index at = 0, bars_at = 0;
   const auto take = [&at](Index n) {
     const Index begin = at;
     at += n;
     return begin;
   };
-  for (Index i = 0; i < n_layers; ++i) {
-    const Layer& layer = layers[i];
-    const auto W = layer.W.value();
+  const auto zeros = [&tape](Index n) {
+    Real* memory = tape.template keep<Real>(n);
+    std::fill_n(memory, n, Real(0));
+    return memory;
+  };
+  for (Index i = 0; i < n_layers_; ++i) {
+    const Layer& layer = net.layers[i];
     Shape& s = *new (shapes_ + i) Shape();
     s.layer = layer;
-    s.n_in = W.cols();
-    s.n_out = W.rows();
+    s.n_in = layer.n_in;
+    bool has_bias = false;
+    for (Index p = 0; p < layer.n_pieces; ++p) {
+      const Piece& piece = layer.pieces[p];
+      NMP_CHECK(piece.in_at >= 0 && piece.in_at + piece.W.cols() <= s.n_in,
+                text("layer ", i, " has ", s.n_in, " inputs, a piece wants more"));
+      s.n_out += piece.W.rows();
+      has_bias |= piece.has_bias;
+      weights_wanted_ |= piece.W.needs_grad() || (piece.has_bias && piece.b.needs_grad());
+    }
+    s.n_silu = layer.silu ? s.n_out : 0;
+    s.n_out += layer.n_through;
     s.in_stride = padded<Real>(s.n_in);
     s.out_stride = padded<Real>(s.n_out);
-    NMP_CHECK(i == 0 || shapes_[i - 1].n_out == s.n_in,
+    NMP_CHECK(layer.n_through <= s.n_in && (i == 0 || shapes_[i - 1].n_out == s.n_in),
               text("layer ", i, " has ", s.n_in, " inputs, the one before other outputs"));
 
-    Real* W_T = tape.template keep<Real>(s.n_in * s.out_stride);
-    for (Index k = 0; k < s.n_in; ++k) {
-      std::copy_n(W.data() + k * s.n_out, s.n_out, W_T + k * s.out_stride);
-      std::fill_n(W_T + k * s.out_stride + s.n_out, s.out_stride - s.n_out, Real(0));
+    Real* W_T = zeros(s.n_in * s.out_stride);
+    Real* W_rows = adjoint ? zeros(s.n_out * s.in_stride) : nullptr;
+    Real* b = has_bias ? zeros(s.out_stride) : nullptr;
+    const auto set = [&](Index n, Index k, Real weight) {
+      W_T[k * s.out_stride + n] = weight;
+      if (W_rows) W_rows[n * s.in_stride + k] = weight;
+    };
+    Index out_at = 0;
+    for (Index p = 0; p < layer.n_pieces; ++p) {
+      const Piece& piece = layer.pieces[p];
+      const auto W = piece.W.value();
+      for (Index k = 0; k < W.cols(); ++k)
+        for (Index n = 0; n < W.rows(); ++n) set(out_at + n, piece.in_at + k, W(n, k));
+      if (piece.has_bias) std::copy_n(piece.b.value().data(), W.rows(), b + out_at);
+      out_at += W.rows();
     }
+    for (Index k = 0; k < layer.n_through; ++k)
+      set(out_at + k, s.n_in - layer.n_through + k, Real(1));
     s.W_T = W_T;
-    if (adjoint) {
-      Real* rows = tape.template keep<Real>(s.n_out * s.in_stride);
-      std::fill_n(rows, s.n_out * s.in_stride, Real(0));
-      for (Index k = 0; k < s.n_in; ++k)
-        for (Index n = 0; n < s.n_out; ++n) rows[n * s.in_stride + k] = W(n, k);
-      s.W = rows;
-    }
-    if (layer.has_bias) {
-      Real* b = tape.template keep<Real>(s.out_stride);
-      std::fill_n(b, s.out_stride, Real(0));
-      std::copy_n(layer.b.value().data(), s.n_out, b);
-      s.b = b;
-    }
+    s.W = W_rows;
+    s.b = b;
 
     s.W_bar_at = bars_at;
     s.b_bar_at = bars_at + s.out_stride * s.in_stride;
-    bars_at = s.b_bar_at + (layer.has_bias ? s.out_stride : 0);
+    bars_at = s.b_bar_at + (has_bias ? s.out_stride : 0);
     s.x_at = i == 0 ? take(kRows * s.in_stride) : shapes_[i - 1].y_at;
     s.y_at = take(kRows * s.out_stride);
-    s.slope_at = adjoint && i + 1 < n_layers ? take(kRows * s.out_stride) : 0;
+    s.slope_at = adjoint && layer.silu ? take(kRows * s.out_stride) : 0;
     s.y_bar_at = adjoint ? take(kRows * s.out_stride) : 0;
-    weights_wanted_ |= layer.W.needs_grad() || (layer.has_bias && layer.b.needs_grad());
   }
   x_bar_at_ = adjoint ? take(kRows * in_stride()) : 0;
   scratch_size_ = at;
@@ -224,10 +245,9 @@ template <class Real>
 const Real* MlpTile<Real>::forward(Real* scratch, Index rows, bool slopes) const {
   for (Index i = 0; i < n_layers_; ++i) {
     const Shape& s = shapes_[i];
-    const bool is_last = i + 1 == n_layers_;
-    Real* slope = slopes && !is_last ? scratch + s.slope_at : nullptr;
+    Real* slope = slopes && s.n_silu > 0 ? scratch + s.slope_at : nullptr;
     layer_product<Real>(scratch + s.x_at, s.in_stride, s.W_T, s.b, s.n_in, rows, scratch + s.y_at,
-                        s.out_stride, {!is_last, slope, nullptr});
+                        s.out_stride, {s.n_silu, slope, nullptr});
   }
   return scratch + last().y_at;
 }
@@ -238,6 +258,11 @@ const Real* MlpTile<Real>::backward(Real* scratch, Index rows, Real* weight_bars
   const Index padded_rows = (rows + kFewRows - 1) / kFewRows * kFewRows;
   std::fill(output_bar(scratch) + rows * out_stride(),
             output_bar(scratch) + padded_rows * out_stride(), Real(0));
+  if (last().n_silu > 0) {
+    Real* y_bar = output_bar(scratch);
+    const Real* slope = scratch + last().slope_at;
+    for (Index k = 0; k < rows * out_stride(); ++k) y_bar[k] *= slope[k];
+  }
   for (Index i = n_layers_; i-- > 0;) {
     const Shape& s = shapes_[i];
     const Real* x = scratch + s.x_at;
@@ -254,9 +279,10 @@ const Real* MlpTile<Real>::backward(Real* scratch, Index rows, Real* weight_bars
     }
     if (i == 0 && !input_wanted) return nullptr;
     Real* x_bar = scratch + (i == 0 ? x_bar_at_ : shapes_[i - 1].y_bar_at);
-    const Real* slope = i == 0 ? nullptr : scratch + shapes_[i - 1].slope_at;
+    const bool has_slope = i > 0 && shapes_[i - 1].n_silu > 0;
+    const Real* slope = has_slope ? scratch + shapes_[i - 1].slope_at : nullptr;
     layer_product<Real>(y_bar, s.out_stride, s.W, nullptr, s.n_out, rows, x_bar, s.in_stride,
-                        {false, nullptr, slope});
+                        {0, nullptr, slope});
   }
   return scratch + x_bar_at_;
 }
@@ -269,7 +295,7 @@ Real* MlpTile<Real>::scratch() const {
 
 template <class Real>
 Real* MlpTile<Real>::new_sums(Index n_sets) const {
-  Real* sums = shapes_[0].layer.W.tape().template keep<Real>(n_sets * bars_size_);
+  Real* sums = tape().template keep<Real>(n_sets * bars_size_);
   std::fill_n(sums, n_sets * bars_size_, Real(0));
   return sums;
 }
@@ -282,14 +308,21 @@ void MlpTile<Real>::add_sums(Real* sums, Index n_sets) const {
   });
   for (Index i = 0; i < n_layers_; ++i) {
     const Shape& s = shapes_[i];
-    if (s.layer.W.needs_grad()) {
-      MatrixMap<Real> bar = s.layer.W.bar();
-      for (Index k = 0; k < s.n_in; ++k)
-        for (Index n = 0; n < s.n_out; ++n) bar(n, k) += sums[s.W_bar_at + n * s.in_stride + k];
-    }
-    if (s.b && s.layer.b.needs_grad()) {
-      MatrixMap<Real> bar = s.layer.b.bar();
-      for (Index n = 0; n < s.n_out; ++n) bar(0, n) += sums[s.b_bar_at + n];
+    Index out_at = 0;
+    for (Index p = 0; p < s.layer.n_pieces; ++p) {
+      const Piece& piece = s.layer.pieces[p];
+      const Index n_out = piece.W.rows();
+      if (piece.W.needs_grad()) {
+        MatrixMap<Real> bar = piece.W.bar();
+        const Real* from = sums + s.W_bar_at + out_at * s.in_stride + piece.in_at;
+        for (Index k = 0; k < bar.cols(); ++k)
+          for (Index n = 0; n < n_out; ++n) bar(n, k) += from[n * s.in_stride + k];
+      }
+      if (piece.has_bias && piece.b.needs_grad()) {
+        MatrixMap<Real> bar = piece.b.bar();
+        for (Index n = 0; n < n_out; ++n) bar(0, n) += sums[s.b_bar_at + out_at + n];
+      }
+      out_at += n_out;
     }
   }
 }

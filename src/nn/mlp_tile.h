@@ -21,15 +21,27 @@ class MlpTile {
  public:
   static constexpr Index kRows = 64;
 
-  /// The layers' weights: W is n_out x n_in, b 1 x n_out or nothing.
-  struct Layer {
+  /// y = x W^T + b of some of a layer's inputs: W is n x k, b 1 x n or nothing.
+  struct Piece {
     ad::Var<Real> W, b;
     bool has_bias = false;
+    Index in_at = 0;  // its inputs are in_at, ..., in_at + k - 1
+  };
+  /// The outputs of its pieces one after another, then the last n_through inputs as they are.
+  struct Layer {
+    const Piece* pieces = nullptr;
+    Index n_pieces = 0, n_in = 0, n_through = 0;
+    bool silu = false;  // on the outputs of the pieces
+  };
+  /// In the arena of the weights' tape.
+  struct Net {
+    const Layer* layers = nullptr;
+    Index n_layers = 0;
   };
 
   /// Copies the weights into memory of their tape, laid out for the kernels.
   /// @param adjoint  true to be able to run backward()
-  MlpTile(const Layer* layers, Index n_layers, bool adjoint);
+  MlpTile(const Net& net, bool adjoint);
 
   Index n_in() const { return shapes_[0].n_in; }
   Index n_out() const { return last().n_out; }
@@ -74,6 +86,7 @@ class MlpTile {
   struct Shape {
     Layer layer;
     Index n_in, n_out, in_stride, out_stride;
+    Index n_silu;                          // so many of the outputs go through SiLU
     const Real* W_T;                       // n_in x out_stride: W(:, k) in row k
     const Real* W;                         // n_out x in_stride: W(n, :) in row n
     const Real* b;                         // out_stride, or null
@@ -81,6 +94,7 @@ class MlpTile {
     Index x_at, y_at, slope_at, y_bar_at;  // in the scratch memory
   };
   const Shape& last() const { return shapes_[n_layers_ - 1]; }
+  ad::Tape<Real>& tape() const { return shapes_[0].layer.pieces[0].W.tape(); }
   Real* scratch() const;
   Real* new_sums(Index n_sets) const;
   void add_sums(Real* sums, Index n_sets) const;

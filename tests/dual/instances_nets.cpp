@@ -10,7 +10,6 @@
 
 namespace nmp {
 
-template class nn::Linear<Dual>;
 template class nn::Mlp<Dual>;
 template class Alignment<Dual>;
 template Var<Dual> rotation_of_quaternion(Var<Dual>);

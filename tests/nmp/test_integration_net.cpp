@@ -274,6 +274,40 @@ TEST_SUITE("nmp/integration_net") {
     CHECK(net.n_clamped() == kVertices);
   }
 
+  TEST_CASE_TEMPLATE("the net on tiles is the composition of operators: value, adjoints", Real,
+                     float, double) {
+    const double tolerance = std::is_same_v<Real, float> ? 2e-5 : 1e-12;
+    double worst = 0;
+    for (const bool height : {false, true}) {
+      auto net = make_net<Real>({});
+      const auto run = [&](bool fused) {
+        nn::zero_bars(net.parameters());
+        ad::Tape<Real> tape;
+        std::vector<ad::Var<Real>> inputs;
+        for (const Index columns :
+             height ? std::vector<Index>{3, 2, 1, 3, 3} : std::vector<Index>{3, 3, 3, 3})
+          inputs.push_back(
+              tape.input(random_matrix(150, columns, 20 + inputs.size()).template cast<Real>()));
+        const auto y = fused ? net.evaluate(inputs.data(), inputs.size())
+                             : net.compose(inputs.data(), inputs.size());
+        tape.backward(y, random_matrix(150, 3, 30).template cast<Real>());
+        std::vector<Matrix<Real>> all{y.value()};
+        for (const auto& in : inputs) all.push_back(in.bar());
+        for (const auto* p : net.parameters())
+          if (p->name().find("alignment") == std::string::npos) all.push_back(p->bar());
+        return all;
+      };
+      const auto fast = run(true), plain = run(false);
+      CHECK(fast.size() > 15);
+      for (std::size_t k = 0; k < fast.size(); ++k) {
+        const double error = static_cast<double>((fast[k] - plain[k]).norm() / plain[k].norm());
+        CHECK(error <= tolerance);
+        worst = std::max(worst, error);
+      }
+    }
+    MESSAGE("worst ", worst);
+  }
+
   TEST_CASE("the speed limit leaves alone what the ground takes away") {
     Inputs in;
     in.f.setZero();

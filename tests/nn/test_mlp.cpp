@@ -1,8 +1,12 @@
 #include "nn/mlp.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "autodiff/check_op.h"
+#include "autodiff/ops_basic.h"
+#include "autodiff/ops_dense.h"
+#include "autodiff/ops_rows.h"
 #include "base/parallel.h"
 
 using namespace nmp;
@@ -76,8 +80,8 @@ TEST_SUITE("nn/mlp") {
       for (const bool bias : {false, true}) {
         nn::Mlp<Real> mlp("net", widths, bias, Random(2));
         for (auto* p : mlp.parameters())
-          p->mutable_value() +=
-              random_matrix(p->value().rows(), p->value().cols(), 1, -0.1, 0.1).template cast<Real>();
+          p->mutable_value() += random_matrix(p->value().rows(), p->value().cols(), 1, -0.1, 0.1)
+                                    .template cast<Real>();
         for (const Index rows : {0, 1, 7, 8, 64, 65, 300, 1000}) {
           CAPTURE(rows);
           CAPTURE(widths[1]);
@@ -130,6 +134,109 @@ TEST_SUITE("nn/mlp") {
       for (std::size_t i = 0; i < bars.size(); ++i) CHECK(bars[i] == first[i]);
     }
     set_threads(0);
+  }
+
+  TEST_CASE_TEMPLATE("the maximum over groups of rows is the composition's: value, adjoints", Real,
+                     float, double) {
+    const double tolerance = std::is_same_v<Real, float> ? 1e-5 : 1e-13;
+    double worst = 0;
+    for (const Index group : {1, 5, 64, 65, 200}) {
+      for (const Index n_groups : {1, 3}) {
+        CAPTURE(group);
+        nn::Mlp<Real> mlp("net", {3, 64, 128}, true, Random(2));
+        for (auto* p : mlp.parameters())
+          p->mutable_value() += random_matrix(p->value().rows(), p->value().cols(), 1, -0.1, 0.1)
+                                    .template cast<Real>();
+        const Matrix<Real> x = random_matrix(group * n_groups, 3, 3).template cast<Real>(),
+                           y_bar = random_matrix(n_groups, 128, 4).template cast<Real>();
+        const auto run = [&](bool fused) {
+          for (auto* p : mlp.parameters()) p->zero_bar();
+          ad::Tape<Real> tape;
+          const auto in = tape.input(x);
+          const auto y = fused ? nn::tile_group_max<Real>(mlp.leaves(tape, true), in, group)
+                               : ad::group_max(ad::silu(mlp.compose(in)), group);
+          std::vector<Matrix<Real>> all{y.value()};
+          tape.backward(y, y_bar);
+          all.push_back(in.bar());
+          for (auto* p : mlp.parameters()) all.push_back(p->bar());
+          return all;
+        };
+        const auto fast = run(true), plain = run(false);
+        for (std::size_t i = 0; i < fast.size(); ++i) {
+          const double error = static_cast<double>((fast[i] - plain[i]).norm() / plain[i].norm());
+          CHECK(error <= tolerance);
+          worst = std::max(worst, error);
+        }
+      }
+    }
+    MESSAGE("worst ", worst);
+  }
+
+  TEST_CASE("among equal rows the first one wins, a NaN above all") {
+    const nn::Mlp<double> mlp("net", {2, 3}, true, Random(2));
+    ad::Tape<double> tape;
+    Matrix<double> x = Matrix<double>::Ones(150, 2);
+    const auto in = tape.input(x);
+    const auto y = nn::tile_group_max<double>(mlp.leaves(tape, true), in, 75);
+    tape.backward(y, Matrix<double>::Ones(2, 3));
+    CHECK(in.bar().row(0).norm() > 0);
+    CHECK(in.bar().row(75).norm() > 0);
+    CHECK(in.bar().middleRows(1, 74).isZero(0));
+    CHECK(in.bar().middleRows(76, 74).isZero(0));
+    x(70, 0) = std::nan("");
+    tape.clear();
+    const auto with_nan = nn::tile_group_max<double>(mlp.leaves(tape, true), tape.input(x), 75);
+    CHECK(with_nan.value().row(0).array().isNaN().all());
+    CHECK(with_nan.value().row(1).allFinite());
+  }
+
+  TEST_CASE("pieces on parts of the inputs and inputs that go through, from several batches") {
+    std::vector<nn::Linear<double>> parts;
+    for (const char* name : {"a", "b"}) parts.emplace_back(name, 3, 10, true, Random(5));
+    const nn::Mlp<double> rest("rest", {26, 7, 2}, true, Random(6));
+    const Matrix<double> p = random_matrix(70, 2, 1), q = random_matrix(70, 4, 2),
+                         y_bar = random_matrix(70, 2, 3);
+    const auto run = [&](bool fused) {
+      for (auto& part : parts) {
+        part.W().zero_bar();
+        for (auto* each : part.parameters()) each->zero_bar();
+      }
+      ad::Tape<double> tape;
+      const ad::Var<double> in[2] = {tape.input(p), tape.input(q)};
+      ad::Var<double> y;
+      if (fused) {
+        const auto net = rest.leaves(tape);
+        using Tile = nn::MlpTile<double>;
+        Tile::Layer layers[3] = {{nn::pieces_of(tape, parts.data(), 2), 2, 6, 6, true}};
+        std::copy_n(net.layers, 2, layers + 1);
+        y = nn::tile_mlp<double>({layers, 3}, in, 2);
+        tape.backward(y, y_bar);
+      } else {
+        const auto all = ad::concat<double>({in[0], in[1]});
+        y = rest.compose(ad::concat<double>({ad::silu(parts[0](ad::slice(all, 0, 3))),
+                                             ad::silu(parts[1](ad::slice(all, 3, 3))), all}));
+        tape.backward(y, y_bar);
+      }
+      std::vector<Matrix<double>> result{y.value(), in[0].bar(), in[1].bar()};
+      for (auto& part : parts)
+        for (auto* each : part.parameters()) result.push_back(each->bar());
+      return result;
+    };
+    const auto fast = run(true), plain = run(false);
+    for (std::size_t i = 0; i < fast.size(); ++i)
+      CHECK((fast[i] - plain[i]).norm() <= 1e-13 * plain[i].norm());
+  }
+
+  TEST_CASE("a net on tiles refuses shapes that do not fit") {
+    const nn::Mlp<double> mlp("net", {4, 3}, true, Random(2));
+    ad::Tape<double> tape;
+    const ad::Var<double> in[2] = {tape.input(Matrix<double>::Ones(5, 2)),
+                                   tape.input(Matrix<double>::Ones(4, 2))};
+    CHECK_THROWS_AS(nn::tile_mlp<double>(mlp.leaves(tape), in, 2), std::invalid_argument);
+    CHECK_THROWS_AS(nn::tile_mlp<double>(mlp.leaves(tape), in, 1), std::invalid_argument);
+    const auto x = tape.input(Matrix<double>::Ones(6, 4));
+    CHECK_THROWS_AS(nn::tile_group_max<double>(mlp.leaves(tape), x, 4), std::invalid_argument);
+    CHECK_THROWS_AS(nn::tile_group_max<double>(mlp.leaves(tape), x, 0), std::invalid_argument);
   }
 
   TEST_CASE("frozen weights and unwanted inputs get no adjoints") {

@@ -1,0 +1,194 @@
+#include "nn/tile_operators.h"
+
+#include <algorithm>
+#include <cstdint>
+
+#include "base/check.h"
+
+namespace nmp::nn {
+
+using ad::Var;
+
+template <class Real>
+TileInputs<Real> with_weights(const typename MlpTile<Real>::Net& net, const Var<Real>* x,
+                              std::size_t n_x) {
+  std::size_t most = n_x;
+  for (Index i = 0; i < net.n_layers; ++i)
+    most += 2 * static_cast<std::size_t>(net.layers[i].n_pieces);
+  auto* at = x[0].tape().template keep<Var<Real>>(static_cast<Index>(most));
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < n_x; ++i) new (at + n++) Var<Real>(x[i]);
+  for (Index i = 0; i < net.n_layers; ++i) {
+    for (Index p = 0; p < net.layers[i].n_pieces; ++p) {
+      const auto& piece = net.layers[i].pieces[p];
+      new (at + n++) Var<Real>(piece.W);
+      if (piece.has_bias) new (at + n++) Var<Real>(piece.b);
+    }
+  }
+  return {at, n};
+}
+
+template <class Real>
+Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const Var<Real>* x, std::size_t n_x) {
+  auto& tape = x[0].tape();
+  const Index rows = x[0].rows();
+  const MlpTile<Real> forward(net, false);
+  Index n_in = 0;
+  for (std::size_t i = 0; i < n_x; ++i) {
+    NMP_CHECK(x[i].rows() == rows, text("the inputs of a net must have as many rows each, got ",
+                                        rows, " and ", x[i].rows()));
+    n_in += x[i].cols();
+  }
+  NMP_CHECK(n_in == forward.n_in(),
+            text("the net has ", forward.n_in(), " inputs, got ", n_in, " columns"));
+  const TileInputs<Real> inputs = with_weights<Real>(net, x, n_x);
+  MatrixMap<Real> y = tape.allocate(rows, forward.n_out());
+
+  const auto fill = [inputs, n_x, rows](const MlpTile<Real>& tile, Real* scratch, Index begin,
+                                        Index n) {
+    Real* to = tile.input(scratch);
+    for (std::size_t i = 0; i < n_x; ++i) {
+      const auto value = inputs.at[i].value();
+      load_rows(value.data() + begin, rows, value.cols(), n, to, tile.in_stride());
+      to += value.cols();
+    }
+  };
+  forward.for_each(rows, [&](Real* scratch, Index begin, Index n) {
+    fill(forward, scratch, begin, n);
+    store_rows(forward.forward(scratch, n), forward.out_stride(), n, y.data() + begin, rows,
+               forward.n_out());
+  });
+  const auto adjoint = [net, inputs, n_x, rows, fill](const ConstMatrixMap<Real>& y_bar) {
+    const MlpTile<Real> tile(net, true);
+    bool wanted = false;
+    for (std::size_t i = 0; i < n_x; ++i) {
+      if (!inputs.at[i].needs_grad()) continue;
+      wanted = true;
+      inputs.at[i].bar();  // made here, not by several threads
+    }
+    tile.for_each_adjoint(rows, [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
+      fill(tile, scratch, begin, n);
+      tile.forward(scratch, n, true);
+      Real* bar = tile.output_bar(scratch);
+      std::fill_n(bar, n * tile.out_stride(), Real(0));
+      load_rows(y_bar.data() + begin, rows, tile.n_out(), n, bar, tile.out_stride());
+      const Real* from = tile.backward(scratch, n, weight_bars, wanted);
+      for (std::size_t i = 0; i < n_x && wanted; ++i) {
+        const Index columns = inputs.at[i].cols();
+        if (inputs.at[i].needs_grad())
+          add_rows(from, tile.in_stride(), n, inputs.at[i].bar().data() + begin, rows, columns);
+        from += columns;
+      }
+    });
+  };
+  return tape.record_span("tile_mlp", inputs.at, inputs.n, y, adjoint);
+}
+
+namespace {
+
+// best <- the larger of best and y, where[n] the row it came from.
+template <class Real>
+void keep_larger(const Real* y, std::int32_t row, Index n, Real* best, std::int32_t* where) {
+  for (Index k = 0; k < n; ++k) {
+    const bool wins = !(y[k] <= best[k]) && best[k] == best[k];
+    where[k] = wins ? row : where[k];
+    best[k] = wins ? y[k] : best[k];
+  }
+}
+
+}  // namespace
+
+template <class Real>
+Var<Real> tile_group_max(const typename MlpTile<Real>::Net& net, Var<Real> x, Index group) {
+  auto& tape = x.tape();
+  const MlpTile<Real> forward(net, false);
+  NMP_CHECK(group >= 1 && x.rows() % group == 0,
+            text("groups of ", group, " rows do not make up ", x.rows()));
+  NMP_CHECK(x.cols() == forward.n_in(),
+            text("the net has ", forward.n_in(), " inputs, got ", shape(x.value())));
+  constexpr Index kRows = MlpTile<Real>::kRows;
+  const Index rows = x.rows(), n_out = forward.n_out(), n_groups = rows / group;
+  const Index tiles = (group + kRows - 1) / kRows;  // per group
+  const auto x_value = x.value();
+  Real* best = tape.template keep<Real>(n_groups * tiles * n_out);
+  auto* where = tape.template keep<std::int32_t>(n_groups * tiles * n_out);
+  forward.for_each(n_groups * tiles * kRows, [&](Real* scratch, Index place, Index) {
+    const Index t = place / kRows, begin = t % tiles * kRows;
+    const Index first = t / tiles * group + begin, n = std::min(kRows, group - begin);
+    load_rows(x_value.data() + first, rows, x_value.cols(), n, forward.input(scratch),
+              forward.in_stride());
+    const Real* y = forward.forward(scratch, n);
+    std::copy_n(y, n_out, best + t * n_out);
+    std::fill_n(where + t * n_out, n_out, static_cast<std::int32_t>(first));
+    for (Index r = 1; r < n; ++r)
+      keep_larger(y + r * forward.out_stride(), static_cast<std::int32_t>(first + r), n_out,
+                  best + t * n_out, where + t * n_out);
+  });
+  // The tiles of a group in order; the winners of group g end up in its first tile's place.
+  MatrixMap<Real> y = tape.allocate(n_groups, n_out);
+  for (Index g = 0; g < n_groups; ++g) {
+    Real* group_best = best + g * tiles * n_out;
+    std::int32_t* group_where = where + g * tiles * n_out;
+    for (Index t = 1; t < tiles; ++t) {
+      for (Index k = 0; k < n_out; ++k) {
+        const Real value = group_best[t * n_out + k];
+        if (value <= group_best[k] || group_best[k] != group_best[k]) continue;
+        group_best[k] = value;
+        group_where[k] = group_where[t * n_out + k];
+      }
+    }
+    for (Index k = 0; k < n_out; ++k) y(g, k) = group_best[k];
+  }
+
+  const auto adjoint = [net, x, rows, tiles, where, n_out](const ConstMatrixMap<Real>& y_bar) {
+    auto& memory = x.tape();
+    const MlpTile<Real> tile(net, true);
+    // Rows that have won, each once, and the group of each.
+    auto* winners = memory.template keep<std::int32_t>(y_bar.size());
+    auto* of_group = memory.template keep<std::int32_t>(y_bar.size());
+    Index n_winners = 0;
+    for (Index g = 0; g < y_bar.rows(); ++g) {
+      std::int32_t* begin = winners + n_winners;
+      std::copy_n(where + g * tiles * n_out, n_out, begin);
+      std::sort(begin, begin + n_out);
+      const Index n = std::unique(begin, begin + n_out) - begin;
+      std::fill_n(of_group + n_winners, n, static_cast<std::int32_t>(g));
+      n_winners += n;
+    }
+    const bool x_wanted = x.needs_grad();
+    const auto value = x.value();
+    MatrixMap<Real> x_bar = x_wanted ? x.bar() : MatrixMap<Real>(nullptr, 0, 0);
+    tile.for_each_adjoint(n_winners, [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
+      Real* in = tile.input(scratch);
+      for (Index r = 0; r < n; ++r)
+        for (Index k = 0; k < value.cols(); ++k)
+          in[r * tile.in_stride() + k] = value(winners[begin + r], k);
+      tile.forward(scratch, n, true);
+      Real* bar = tile.output_bar(scratch);
+      std::fill_n(bar, n * tile.out_stride(), Real(0));
+      for (Index r = 0; r < n; ++r) {
+        const Index g = of_group[begin + r];
+        for (Index k = 0; k < n_out; ++k)
+          if (where[g * tiles * n_out + k] == winners[begin + r])
+            bar[r * tile.out_stride() + k] = y_bar(g, k);
+      }
+      const Real* from = tile.backward(scratch, n, weight_bars, x_wanted);
+      for (Index r = 0; r < n && x_wanted; ++r)
+        for (Index k = 0; k < value.cols(); ++k)
+          x_bar(winners[begin + r], k) += from[r * tile.in_stride() + k];
+    });
+  };
+  const TileInputs<Real> inputs = with_weights<Real>(net, &x, 1);
+  return tape.record_span("tile_group_max", inputs.at, inputs.n, y, adjoint);
+}
+
+#define NMP_INSTANTIATE(Real)                                                                     \
+  template TileInputs<Real> with_weights(const typename MlpTile<Real>::Net&, const Var<Real>*,    \
+                                         std::size_t);                                            \
+  template Var<Real> tile_mlp(const typename MlpTile<Real>::Net&, const Var<Real>*, std::size_t); \
+  template Var<Real> tile_group_max(const typename MlpTile<Real>::Net&, Var<Real>, Index);
+
+NMP_INSTANTIATE(float)
+NMP_INSTANTIATE(double)
+
+}  // namespace nmp::nn
