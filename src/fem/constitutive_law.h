@@ -22,6 +22,9 @@ struct ConstitutiveLaw {
   /// x #V x 3 [m]  ->  f_int #V x 3 [N]. By default the composition deformation_gradient, stress,
   /// internal_force; a law with a faster way overrides it.
   virtual Var<Real> internal_force(const TetMesh<Real>& mesh, Var<Real> x) const;
+  /// True if internal_force keeps nothing of the elements for its adjoint: a checkpoint around it
+  /// would save no memory and compute it once more.
+  virtual bool keeps_nothing() const { return false; }
 };
 
 }  // namespace nmp::fem

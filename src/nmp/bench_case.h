@@ -40,6 +40,7 @@ class BenchCase {
   void gradient(ad::Tape<float>& tape, Index n_steps);
 
  private:
+  // From (x, v, f_int) to the next x and v and the loss.
   ad::Vars<float> step(const ad::Vars<float>& in) const;
 
   fem::TetMesh<float> mesh_;

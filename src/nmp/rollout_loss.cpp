@@ -143,6 +143,8 @@ class RolloutLoss : public TrainingLoss {
                                                                       const ad::Vars<float>& in) {
         return step(truth, segment.start + k, k == 0, last, in);
       };
+      if (simulation.law.keeps_nothing())
+        state.push_back(simulation.law.internal_force(mesh_, state[0]));
       ad::Vars<float> out = ad::checkpoint<float>(piece, state);
       loss = k == 0 ? out.back() : ad::add(loss, out.back());
       if (!last) state = {out[0], out[1]};
@@ -171,14 +173,15 @@ class RolloutLoss : public TrainingLoss {
             static_cast<float>(model_.info.stagger)};
   }
 
-  // One step from the state `in` = (x, v): the losses at that state and the next state. The first
-  // state of a segment is the truth, so that only its force says something; the last is not left.
+  // One step from the state `in` = (x, v), or (x, v, f_int): the losses at that state and the next
+  // state. The first state of a segment is the truth, so that only its force says something; the
+  // last is not left.
   ad::Vars<float> step(const Trajectory& truth, Index t, bool first, bool last,
                        const ad::Vars<float>& in) {
     const Simulation<float> simulation = this->simulation();
     const fem::StepContext<float> context{mesh_, simulation.h, boundary_};
     const ad::Var<float> x = in[0], v = in[1];
-    const ad::Var<float> f_int = simulation.law.internal_force(mesh_, x);
+    const ad::Var<float> f_int = in.size() > 2 ? in[2] : simulation.law.internal_force(mesh_, x);
     const ad::Var<float> dv = simulation.integrator.dv(context, x, v, f_int);
 
     truth.read_x<float>(t, x_true_);

@@ -63,7 +63,7 @@ Var<Real> StressNet<Real>::stress(Var<Real> F) const {
 template <class Real>
 Var<Real> StressNet<Real>::internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x) const {
   if constexpr (kHasLanes<Real>) {
-    if (!config_.bias)
+    if (keeps_nothing())
       return neural_internal_force<Real>(mesh, x, mlp_.leaves(x.tape()), static_cast<Real>(scale_),
                                          static_cast<Real>(z_scale_));
   }

@@ -24,6 +24,7 @@ class StressNet : public fem::ConstitutiveLaw<Real> {
   /// One operator (nmp/stress_operator.h) where Real has SIMD lanes and the net no biases;
   /// otherwise the composition around stress().
   Var<Real> internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x) const override;
+  bool keeps_nothing() const override { return kHasLanes<Real> && !config_.bias; }
 
   struct Features {
     Var<Real> z;  // #T x 13

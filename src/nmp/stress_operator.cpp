@@ -20,6 +20,13 @@ using fem::kBlock;
 static_assert(nn::MlpTile<float>::kRows == kBlock, "a tile of the net is a block of elements");
 constexpr int kFeatures = 13;
 
+// #T x 12 for the time of a call: not in a tape's arena, which would keep it.
+template <class Real>
+MatrixMap<Real> corner_memory(Index n_tets) {
+  thread_local Workspace<Real> workspace;
+  return {workspace.get(static_cast<std::size_t>(12 * n_tets)), n_tets, 12};
+}
+
 // All the quantities of a block of elements that its stress is made of.
 template <class Real>
 struct StressBlock {
@@ -144,7 +151,7 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   NMP_CHECK(forward.n_in() == kFeatures && forward.n_out() == 9,
             text("a stress net goes from 13 to 9 numbers, this one from ", forward.n_in(), " to ",
                  forward.n_out()));
-  MatrixMap<Real> corners = tape.allocate(n_tets, 12);
+  MatrixMap<Real> corners = corner_memory<Real>(n_tets);
   forward.for_each(n_tets, [&](Real* scratch, Index begin, Index count) {
     StressBlock<Real> b;
     compute_features<Real>(mesh, x_value, begin, count, reciprocal, b);
@@ -166,7 +173,7 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
     const nn::MlpTile<Real> tile(net, true);
     const bool x_wanted = x.needs_grad();
     const auto value = x.value();
-    MatrixMap<Real> bars = x.tape().allocate(x_wanted ? n_tets : 0, 12);
+    MatrixMap<Real> bars = corner_memory<Real>(x_wanted ? n_tets : 0);
     tile.for_each_adjoint(n_tets, [&](Real* scratch, Index begin, Index count, Real* weight_bars) {
       StressBlock<Real> b;
       compute_features<Real>(mesh, value, begin, count, reciprocal, b);

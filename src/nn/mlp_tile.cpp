@@ -295,7 +295,9 @@ Real* MlpTile<Real>::scratch() const {
 
 template <class Real>
 Real* MlpTile<Real>::new_sums(Index n_sets) const {
-  Real* sums = tape().template keep<Real>(n_sets * bars_size_);
+  // Not in the arena: needed until add_sums() only, and there may be many of them.
+  thread_local Workspace<Real> workspace;
+  Real* sums = workspace.get(static_cast<std::size_t>(n_sets * bars_size_));
   std::fill_n(sums, n_sets * bars_size_, Real(0));
   return sums;
 }

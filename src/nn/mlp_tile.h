@@ -94,7 +94,6 @@ class MlpTile {
     Index x_at, y_at, slope_at, y_bar_at;  // in the scratch memory
   };
   const Shape& last() const { return shapes_[n_layers_ - 1]; }
-  ad::Tape<Real>& tape() const { return shapes_[0].layer.pieces[0].W.tape(); }
   Real* scratch() const;
   Real* new_sums(Index n_sets) const;
   void add_sums(Real* sums, Index n_sets) const;

@@ -140,7 +140,7 @@ Var<Real> tile_group_max(const typename MlpTile<Real>::Net& net, Var<Real> x, In
     for (Index k = 0; k < n_out; ++k) y(g, k) = group_best[k];
   }
 
-  const auto adjoint = [net, x, rows, tiles, where, n_out](const ConstMatrixMap<Real>& y_bar) {
+  const auto adjoint = [net, x, tiles, where, n_out](const ConstMatrixMap<Real>& y_bar) {
     auto& memory = x.tape();
     const MlpTile<Real> tile(net, true);
     // Rows that have won, each once, and the group of each.

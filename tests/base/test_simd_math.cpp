@@ -42,13 +42,17 @@ TEST_SUITE("base/simd_math") {
         std::memcpy(x + l, &each, sizeof each);
         if (!(std::abs(x[l]) <= 88)) x[l] = 0.5f;
       }
-      for_lanes(x, silu<float>, [&](float a, float y) {
-        worst = std::max(worst, ulps(y, static_cast<long double>(a) * sigma(a)));
-      });
-      for_lanes(x, silu_slope<float>, [&](float a, float y) {
-        const long double s = sigma(a), exact = s * (1 + a * (1 - s));
-        worst_slope = std::max(worst_slope, std::abs(static_cast<double>(y - exact)) / 0x1p-24);
-      });
+      for_lanes(
+          x, [](auto a) { return silu<float>(a); },
+          [&](float a, float y) {
+            worst = std::max(worst, ulps(y, static_cast<long double>(a) * sigma(a)));
+          });
+      for_lanes(
+          x, [](auto a) { return silu_slope<float>(a); },
+          [&](float a, float y) {
+            const long double s = sigma(a), exact = s * (1 + a * (1 - s));
+            worst_slope = std::max(worst_slope, std::abs(static_cast<double>(y - exact)) / 0x1p-24);
+          });
     }
     CHECK(worst <= 4);
     CHECK(worst_slope <= 4);
@@ -61,9 +65,11 @@ TEST_SUITE("base/simd_math") {
     for (int k = 0; k < 200000; ++k) {
       for (int l = 0; l < kLanes<double>; ++l)
         x[l] = (k % 2 ? 700 : 20) * std::sin(1 + 0.37 * (k * kLanes<double> + l));
-      for_lanes(x, silu<double>, [&](double a, double y) {
-        worst = std::max(worst, ulps(y, static_cast<long double>(a) * sigma(a)));
-      });
+      for_lanes(
+          x, [](auto a) { return silu<double>(a); },
+          [&](double a, double y) {
+            worst = std::max(worst, ulps(y, static_cast<long double>(a) * sigma(a)));
+          });
     }
     CHECK(worst <= 4);
     MESSAGE("silu ", worst, " ulp");
@@ -85,7 +91,9 @@ TEST_SUITE("base/simd_math") {
   TEST_CASE_TEMPLATE("roots, sizes and masks, lane by lane", Real, float, double) {
     Real x[kLanes<Real>];
     for (int l = 0; l < kLanes<Real>; ++l) x[l] = Real(l) - Real(1.5);
-    for_lanes(x, absolute<Real>, [](Real a, Real y) { CHECK(y == std::abs(a)); });
+    for_lanes(
+        x, [](auto a) { return absolute<Real>(a); },
+        [](Real a, Real y) { CHECK(y == std::abs(a)); });
     for_lanes(
         x, [](Lanes<Real> a) { return square_root<Real>(a * a); },
         [](Real a, Real y) { CHECK(y == std::abs(a)); });
