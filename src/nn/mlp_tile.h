@@ -10,9 +10,8 @@ namespace nmp::nn {
 
 /// An MLP on a tile of a few dozen rows that stays in the cache: linear layers, SiLU between them,
 /// neurons in SIMD lanes. What fused operators are made of: they fill in the inputs of a tile, take
-/// its outputs, and for the adjoint run the tile again, so that nothing is kept between forward and
-/// backward. A row's bits depend on that row and the weights alone; sums over rows are in the order
-/// of the rows.
+/// its outputs, and for the adjoint keep the tile or run it again. A row's bits depend on that row
+/// and the weights alone; sums over rows are in the order of the rows.
 ///
 /// Tiles are row-major: row r of the inputs begins at input() + r * in_stride(), its n_in() numbers
 /// first and zeros up to the stride.
@@ -60,15 +59,24 @@ class MlpTile {
   /// null, and returns the adjoints of the inputs, if they are wanted, in rows of in_stride().
   const Real* backward(Real* scratch, Index rows, Real* weight_bars, bool input_wanted) const;
 
+  /// Memory of a tape for all tiles of `n` rows, where a forward pass leaves what the backward pass
+  /// needs, for those who would rather keep it than run the tiles again.
+  Real* new_memory(ad::Tape<Real>& tape, Index n) const {
+    return tape.template keep<Real>((n + kRows - 1) / kRows * scratch_size_);
+  }
+
   /// Calls body(scratch, begin, rows) for tiles that cover `n` rows, on several threads.
+  /// @param memory  of new_memory() for the tiles to work in, or null for memory of the threads
   template <class Body>
-  void for_each(Index n, const Body& body) const {
-    parallel_chunks(n, kRows, [&](Index begin, Index end) { body(scratch(), begin, end - begin); });
+  void for_each(Index n, const Body& body, Real* memory = nullptr) const {
+    parallel_chunks(n, kRows, [&](Index begin, Index end) {
+      body(scratch_of(begin, memory), begin, end - begin);
+    });
   }
   /// Calls body(scratch, begin, rows, weight_bars) likewise, and adds what it leaves in weight_bars
   /// to the adjoints of the layers' Vars: sums over kChunkTiles tiles, then these in order.
   template <class Body>
-  void for_each_adjoint(Index n, const Body& body) const {
+  void for_each_adjoint(Index n, const Body& body, Real* memory = nullptr) const {
     const Index n_tiles = (n + kRows - 1) / kRows;
     const Index tiles = std::max(kChunkTiles, (n_tiles + kMaxChunks - 1) / kMaxChunks);
     const Index chunk = tiles * kRows;
@@ -76,7 +84,7 @@ class MlpTile {
     parallel_chunks(n, chunk, [&](Index first, Index last) {
       Real* sum = sums ? sums + first / chunk * bars_size_ : nullptr;
       for (Index begin = first; begin < last; begin += kRows)
-        body(scratch(), begin, std::min(kRows, last - begin), sum);
+        body(scratch_of(begin, memory), begin, std::min(kRows, last - begin), sum);
     });
     if (sums && n > 0) add_sums(sums, (n + chunk - 1) / chunk);
   }
@@ -95,6 +103,9 @@ class MlpTile {
   };
   const Shape& last() const { return shapes_[n_layers_ - 1]; }
   Real* scratch() const;
+  Real* scratch_of(Index begin, Real* memory) const {
+    return memory ? memory + begin / kRows * scratch_size_ : scratch();
+  }
   Real* new_sums(Index n_sets) const;
   void add_sums(Real* sums, Index n_sets) const;
 

@@ -32,43 +32,40 @@ template <class Real>
 Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const Var<Real>* x, std::size_t n_x) {
   auto& tape = x[0].tape();
   const Index rows = x[0].rows();
-  const MlpTile<Real> forward(net, false);
+  const TileInputs<Real> inputs = with_weights<Real>(net, x, n_x);
+  bool adjoint_wanted = false;
+  for (std::size_t i = 0; i < inputs.n; ++i) adjoint_wanted |= inputs.at[i].needs_grad();
+  const MlpTile<Real> tile(net, adjoint_wanted);
   Index n_in = 0;
   for (std::size_t i = 0; i < n_x; ++i) {
     NMP_CHECK(x[i].rows() == rows, text("the inputs of a net must have as many rows each, got ",
                                         rows, " and ", x[i].rows()));
     n_in += x[i].cols();
   }
-  NMP_CHECK(n_in == forward.n_in(),
-            text("the net has ", forward.n_in(), " inputs, got ", n_in, " columns"));
-  const TileInputs<Real> inputs = with_weights<Real>(net, x, n_x);
-  MatrixMap<Real> y = tape.allocate(rows, forward.n_out());
+  NMP_CHECK(n_in == tile.n_in(),
+            text("the net has ", tile.n_in(), " inputs, got ", n_in, " columns"));
 
-  const auto fill = [inputs, n_x, rows](const MlpTile<Real>& tile, Real* scratch, Index begin,
-                                        Index n) {
+  MatrixMap<Real> y = tape.allocate(rows, tile.n_out());
+  Real* memory = adjoint_wanted ? tile.new_memory(tape, rows) : nullptr;
+  const auto forward = [&](Real* scratch, Index begin, Index n) {
     Real* to = tile.input(scratch);
     for (std::size_t i = 0; i < n_x; ++i) {
-      const auto value = inputs.at[i].value();
+      const auto value = x[i].value();
       load_rows(value.data() + begin, rows, value.cols(), n, to, tile.in_stride());
       to += value.cols();
     }
+    store_rows(tile.forward(scratch, n, adjoint_wanted), tile.out_stride(), n, y.data() + begin,
+               rows, tile.n_out());
   };
-  forward.for_each(rows, [&](Real* scratch, Index begin, Index n) {
-    fill(forward, scratch, begin, n);
-    store_rows(forward.forward(scratch, n), forward.out_stride(), n, y.data() + begin, rows,
-               forward.n_out());
-  });
-  const auto adjoint = [net, inputs, n_x, rows, fill](const ConstMatrixMap<Real>& y_bar) {
-    const MlpTile<Real> tile(net, true);
+  tile.for_each(rows, forward, memory);
+  const auto adjoint = [tile, inputs, n_x, rows, memory](const ConstMatrixMap<Real>& y_bar) {
     bool wanted = false;
     for (std::size_t i = 0; i < n_x; ++i) {
       if (!inputs.at[i].needs_grad()) continue;
       wanted = true;
       inputs.at[i].bar();  // made here, not by several threads
     }
-    tile.for_each_adjoint(rows, [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
-      fill(tile, scratch, begin, n);
-      tile.forward(scratch, n, true);
+    const auto backward = [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
       Real* bar = tile.output_bar(scratch);
       std::fill_n(bar, n * tile.out_stride(), Real(0));
       load_rows(y_bar.data() + begin, rows, tile.n_out(), n, bar, tile.out_stride());
@@ -79,7 +76,8 @@ Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const Var<Real>* x, s
           add_rows(from, tile.in_stride(), n, inputs.at[i].bar().data() + begin, rows, columns);
         from += columns;
       }
-    });
+    };
+    tile.for_each_adjoint(rows, backward, memory);
   };
   return tape.record_span("tile_mlp", inputs.at, inputs.n, y, adjoint);
 }

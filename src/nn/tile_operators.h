@@ -2,11 +2,12 @@
 
 #include "nn/mlp_tile.h"
 
-/// Operators that run an MLP tile by tile, and again for their adjoints: no activation is kept.
+/// Operators that run an MLP tile by tile.
 namespace nmp::nn {
 
 /// y = net([x_0, x_1, ...]) for the columns of several batches side by side, which never stand in
 /// memory together.   x_i #rows x k_i  ->  #rows x n_out
+/// Activations are kept if an adjoint is wanted: checkpoints bound what that takes.
 template <class Real>
 ad::Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const ad::Var<Real>* x,
                        std::size_t n_x);
