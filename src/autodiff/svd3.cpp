@@ -34,7 +34,7 @@ constexpr Real kLarge = Real(16);
 // A sweep that begins with cosines below this and turns by tangents below it leaves columns
 // orthogonal: their cosines are then below its square.
 template <class Real>
-const Real kLittle = std::sqrt(std::numeric_limits<Real>::epsilon()) / 2;
+constexpr Real kLittle2 = std::numeric_limits<Real>::epsilon() / 4;  // squared
 
 // Quadratic convergence ends after 3 to 5 sweeps; the limit only guards against an endless loop.
 constexpr int kMaxSweeps = 12;
@@ -186,9 +186,9 @@ struct JacobiLanes {
     const L twice = g + g;
     const L t = (d < Real(0) ? -twice : twice) / (absolute<Real>(d) + root);
     const L w = square_root<Real>(Real(1) + t * t), u = t / (w * (Real(1) + w));
-    const L s = active ? u * (Real(1) + w) : L{}, h = u * w;
-    again |= active & ((absolute<Real>(t) > kLittle<Real>) |
-                       (g * g > kLittle<Real> * kLittle<Real> * (a * b)));
+    // Both: where columns tie exactly, t is 0 / 0.
+    const L s = active ? u * (Real(1) + w) : L{}, h = active ? u * w : L{};
+    again |= active & ((t * t > kLittle2<Real>) | (g * g > kLittle2<Real> * (a * b)));
     for (Columns<Real>* M : {&B, &V}) {
       NMP_UNROLL
       for (int i = 0; i < 3; ++i) {

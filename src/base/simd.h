@@ -73,6 +73,7 @@ class Workspace {
   T* get(std::size_t n) {
     if (n > size_) {
       memory_.reset();
+      size_ = 0;
       memory_.reset(static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64))));
       size_ = n;
     }

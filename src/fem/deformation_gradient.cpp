@@ -18,7 +18,7 @@ void gradient_of_block(const TetMesh<Real>& mesh, const ConstView<Real>& x, Inde
       const Real* xi = x.data() + i * x.outerStride();
       for (Index l = 0; l < count; ++l)
         d[3 * (a - 1) + i][l] = xi[tets[a * n_tets + l]] - xi[tets[l]];
-      for (Index l = count; l < kBlock; ++l) d[3 * (a - 1) + i][l] = d[3 * (a - 1) + i][0];
+      for (Index l = count; l < kBlock; ++l) d[3 * (a - 1) + i][l] = d[3 * (a - 1) + i][count - 1];
     }
   }
   load(mesh.grad_N(), 3, begin, count, g);

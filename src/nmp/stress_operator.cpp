@@ -1,10 +1,14 @@
 #include "nmp/stress_operator.h"
 
 #include <algorithm>
+#include <atomic>
+#include <cstdint>
 
 #include "autodiff/polar_rotation.h"
 #include "autodiff/singular_values.h"
 #include "autodiff/svd3.h"
+#include "base/check.h"
+#include "base/simd.h"
 #include "fem/deformation_gradient.h"
 #include "nn/tile_operators.h"
 
@@ -147,7 +151,10 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   const Real reciprocal = Real(1) / z_scale;
   const auto x_value = x.value();
 
-  const nn::MlpTile<Real> forward(net, false);
+  const nn::TileInputs<Real> inputs = nn::with_weights<Real>(net, &x, 1);
+  bool adjoint_wanted = false;
+  for (std::size_t i = 0; i < inputs.n; ++i) adjoint_wanted |= inputs.at[i].needs_grad();
+  const nn::MlpTile<Real> forward(net, adjoint_wanted);
   NMP_CHECK(forward.n_in() == kFeatures && forward.n_out() == 9,
             text("a stress net goes from 13 to 9 numbers, this one from ", forward.n_in(), " to ",
                  forward.n_out()));
@@ -168,9 +175,8 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   f_int.setZero();
   fem::sum_corners<Real>(mesh, corners, f_int);
 
-  const auto adjoint = [mesh, x, net, scale, reciprocal,
+  const auto adjoint = [mesh, x, tile = forward, scale, reciprocal,
                         n_tets](const ConstMatrixMap<Real>& f_bar) {
-    const nn::MlpTile<Real> tile(net, true);
     const bool x_wanted = x.needs_grad();
     const auto value = x.value();
     MatrixMap<Real> bars = corner_memory<Real>(x_wanted ? n_tets : 0);
@@ -206,7 +212,6 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
     });
     if (x_wanted) fem::sum_corners<Real>(mesh, bars, x.bar());
   };
-  const auto inputs = nn::with_weights<Real>(net, &x, 1);
   return tape.record_span("neural_internal_force", inputs.at, inputs.n, f_int, adjoint);
 }
 

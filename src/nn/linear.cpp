@@ -1,8 +1,7 @@
 #include "nn/linear.h"
 
-#include <new>
-
 #include <cmath>
+#include <new>
 
 #include "autodiff/ops_dense.h"
 #include "autodiff/ops_rows.h"

@@ -33,8 +33,8 @@ class Linear {
   std::optional<ad::Parameter<Real>> b_;  // 1 x n_out
 };
 
-/// Linear layers on equal parts of a net's inputs, one after another, as leaves of a tape: pieces
-/// of one layer on tiles.
+/// Linear layers on consecutive parts of a net's inputs, each as wide as its layer, as leaves of a
+/// tape: pieces of one layer on tiles.
 template <class Real>
 const typename MlpTile<Real>::Piece* pieces_of(ad::Tape<Real>& tape, const Linear<Real>* layers,
                                                Index n);

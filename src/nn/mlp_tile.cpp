@@ -10,7 +10,7 @@ namespace nmp::nn {
 
 namespace {
 
-// A kernel has rows x vectors accumulators in registers: 24, or 12 of 16, which leaves room for
+// A kernel has rows x vectors accumulators in registers, at most 24 of 32 or 12 of 16: room for
 // operands. What its taller form leaves over is done kFewRows at a time, so that the rows of a tile
 // and the lengths of its rows are multiples of that.
 constexpr int kMaxVectors = 3;
@@ -80,9 +80,12 @@ void block_product(const Real* x, Index x_stride, const Real* W_T, const Real* b
   product<Real, R, N>(x, x_stride, 1, W_T, y_stride, K, b, put);
   for (Index n = 0; n < N * kWidth; n += kWidth) {
     const Index n_silu = std::clamp(finish.n_silu - n, Index(0), kWidth);  // of these columns
-    if (n_silu == 0 && !finish.slope) continue;
     for (Index r = 0; r < R; ++r) {
       const Index at = r * y_stride + n;
+      if (n_silu == 0) {
+        if (finish.slope) store<Real>(finish.slope + at, all_lanes<Real>(1));
+        continue;
+      }
       Silu<Real> silu = silu_parts<Real>(load(y + at));
       if (n_silu < kWidth) {
         const Lanes<Real> as_it_is = load(y + at);
@@ -170,7 +173,7 @@ void outer_product(const Real* y_bar, Index y_stride, Index n_out, const Real* x
 }  // namespace
 
 template <class Real>
-MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers) {
+MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers), adjoint_(adjoint) {
   NMP_CHECK(net.n_layers >= 1 && net.layers[0].n_pieces >= 1, "a tile needs at least one layer");
   auto& tape = net.layers[0].pieces[0].W.tape();
   shapes_ = tape.template keep<Shape>(n_layers_);
@@ -195,6 +198,8 @@ MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers) {
       const Piece& piece = layer.pieces[p];
       NMP_CHECK(piece.in_at >= 0 && piece.in_at + piece.W.cols() <= s.n_in,
                 text("layer ", i, " has ", s.n_in, " inputs, a piece wants more"));
+      NMP_CHECK(!piece.has_bias || piece.b.value().size() == piece.W.rows(),
+                text("layer ", i, ": a bias must be 1 x ", piece.W.rows()));
       s.n_out += piece.W.rows();
       has_bias |= piece.has_bias;
       weights_wanted_ |= piece.W.needs_grad() || (piece.has_bias && piece.b.needs_grad());
@@ -203,7 +208,8 @@ MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers) {
     s.n_out += layer.n_through;
     s.in_stride = padded<Real>(s.n_in);
     s.out_stride = padded<Real>(s.n_out);
-    NMP_CHECK(layer.n_through <= s.n_in && (i == 0 || shapes_[i - 1].n_out == s.n_in),
+    NMP_CHECK(layer.n_through >= 0 && layer.n_through <= s.n_in &&
+                  (i == 0 || shapes_[i - 1].n_out == s.n_in),
               text("layer ", i, " has ", s.n_in, " inputs, the one before other outputs"));
 
     Real* W_T = zeros(s.n_in * s.out_stride);
@@ -243,6 +249,9 @@ MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers) {
 
 template <class Real>
 const Real* MlpTile<Real>::forward(Real* scratch, Index rows, bool slopes) const {
+  NMP_CHECK(adjoint_ || !slopes, "a tile without an adjoint keeps no slopes");
+  const Index few = (rows + kFewRows - 1) / kFewRows * kFewRows;
+  std::fill(input(scratch) + rows * in_stride(), input(scratch) + few * in_stride(), Real(0));
   for (Index i = 0; i < n_layers_; ++i) {
     const Shape& s = shapes_[i];
     Real* slope = slopes && s.n_silu > 0 ? scratch + s.slope_at : nullptr;

@@ -14,7 +14,8 @@ namespace nmp::nn {
 /// and the weights alone; sums over rows are in the order of the rows.
 ///
 /// Tiles are row-major: row r of the inputs begins at input() + r * in_stride(), its n_in() numbers
-/// first and zeros up to the stride.
+/// first; what follows them up to the stride is never part of a result. Nets share the threads'
+/// scratch memory: a body that works on a tile must not run another net's.
 template <class Real>
 class MlpTile {
  public:
@@ -111,11 +112,11 @@ class MlpTile {
 
   Shape* shapes_;  // in the arena of the layers' tape, as what they point to
   Index n_layers_, scratch_size_ = 0, bars_size_ = 0, x_bar_at_ = 0;
-  bool weights_wanted_ = false;
+  bool adjoint_, weights_wanted_ = false;
 };
 
-/// Copies a block of a column-major batch into rows and back: row r of the tile is row begin + r of
-/// the batch.
+/// Copies `rows` rows of a column-major batch, whose columns are `stride` apart, into the rows of a
+/// tile, or back, or adds them there.
 template <class Real>
 void load_rows(const Real* batch, Index stride, Index columns, Index rows, Real* tile,
                Index tile_stride);

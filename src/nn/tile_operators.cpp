@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 
 #include "base/check.h"
 
@@ -59,11 +60,12 @@ Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const Var<Real>* x, s
   };
   tile.for_each(rows, forward, memory);
   const auto adjoint = [tile, inputs, n_x, rows, memory](const ConstMatrixMap<Real>& y_bar) {
+    // Found here, not by several threads.
+    Real** bars = inputs.at[0].tape().template keep<Real*>(static_cast<Index>(n_x));
     bool wanted = false;
     for (std::size_t i = 0; i < n_x; ++i) {
-      if (!inputs.at[i].needs_grad()) continue;
-      wanted = true;
-      inputs.at[i].bar();  // made here, not by several threads
+      bars[i] = inputs.at[i].needs_grad() ? inputs.at[i].bar().data() : nullptr;
+      wanted |= bars[i] != nullptr;
     }
     const auto backward = [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
       Real* bar = tile.output_bar(scratch);
@@ -72,8 +74,7 @@ Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const Var<Real>* x, s
       const Real* from = tile.backward(scratch, n, weight_bars, wanted);
       for (std::size_t i = 0; i < n_x && wanted; ++i) {
         const Index columns = inputs.at[i].cols();
-        if (inputs.at[i].needs_grad())
-          add_rows(from, tile.in_stride(), n, inputs.at[i].bar().data() + begin, rows, columns);
+        if (bars[i]) add_rows(from, tile.in_stride(), n, bars[i] + begin, rows, columns);
         from += columns;
       }
     };
@@ -102,6 +103,8 @@ Var<Real> tile_group_max(const typename MlpTile<Real>::Net& net, Var<Real> x, In
   const MlpTile<Real> forward(net, false);
   NMP_CHECK(group >= 1 && x.rows() % group == 0,
             text("groups of ", group, " rows do not make up ", x.rows()));
+  NMP_CHECK(x.rows() <= std::numeric_limits<std::int32_t>::max(),
+            text("at most 2^31 - 1 rows, got ", x.rows()));
   NMP_CHECK(x.cols() == forward.n_in(),
             text("the net has ", forward.n_in(), " inputs, got ", shape(x.value())));
   constexpr Index kRows = MlpTile<Real>::kRows;

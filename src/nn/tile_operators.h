@@ -18,12 +18,13 @@ ad::Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const ad::Var<Rea
 template <class Real>
 ad::Var<Real> tile_group_max(const typename MlpTile<Real>::Net& net, ad::Var<Real> x, Index group);
 
-/// The inputs of an operator with a net inside, for record_span(): `x` and all weights.
 template <class Real>
 struct TileInputs {
   const ad::Var<Real>* at;
   std::size_t n;
 };
+/// The inputs of an operator with a net inside, for record_span(): x and all weights, in the arena
+/// of their tape.
 template <class Real>
 TileInputs<Real> with_weights(const typename MlpTile<Real>::Net& net, const ad::Var<Real>* x,
                               std::size_t n_x);
