@@ -96,7 +96,8 @@ if [ $code -eq 143 ] && [ -e full.checkpoint-1.safetensors ]; then
     "$nmp" train fast "${settings[@]}" -o full.safetensors --resume --checkpoint-minutes 0
   ) >stdout 2>stderr
   [ $? -eq 5 ] || complain "a file that may not grow is not exit code 5"
-  says "full.checkpoint-"
+  # Whichever of them is the first to meet the limit.
+  grep -qE "full\.(checkpoint-|metrics\.)" stderr || complain "stderr does not name the file"
   [ "$sum" = "$(cat full.checkpoint-*.safetensors | cksum)" ] ||
     complain "a checkpoint that could not be written damaged the old ones"
   resume full
