@@ -17,14 +17,14 @@ struct Svd3 {
 template <class Real>
 Svd3<Real> svd_rotation_variant(const Mat3<Real>& F);
 
-/// The same decomposition of `n` matrices at once, one per SIMD lane: entry k of matrix e is
-/// F.at[k * F.stride + e], and so in the results. A matrix's bits do not depend on n or on the
-/// others; they may differ from the single one's by rounding.
+/// Matrices or vectors side by side: entry k of item e is at[k * stride + e].
 template <class Entry>
 struct Strided {
   Entry* at;
   Index stride;
 };
+/// The same decomposition of `n` matrices at once, one per SIMD lane. A matrix's bits do not depend
+/// on n or on the others; they may differ from the single one's by rounding.
 template <class Real>
 void svd_rotation_variant(Strided<const Real> F, Index n, Strided<Real> U, Strided<Real> sigma,
                           Strided<Real> V);
