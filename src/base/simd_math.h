@@ -9,7 +9,7 @@
 #include <immintrin.h>
 #endif
 
-/// Functions of SIMD vectors, without branches: a lane's bits do not depend on the other lanes.
+/// Functions of SIMD vectors: a lane's bits do not depend on the other lanes.
 namespace nmp {
 
 template <class Real>
@@ -23,18 +23,30 @@ template <>
 struct LaneBits<float> {
   using Vector = std::int32_t __attribute__((vector_size(kSimdBytes)));
   using Element = std::int32_t;
+  static constexpr Element magnitude = 0x7fffffff;
 };
 template <>
 struct LaneBits<double> {
   using Vector = std::int64_t __attribute__((vector_size(kSimdBytes)));
   using Element = std::int64_t;
+  static constexpr Element magnitude = 0x7fffffffffffffff;
 };
 template <class Real>
 using LaneMask = typename LaneBits<Real>::Vector;
+template <class Real>
+using LaneElement = typename LaneBits<Real>::Element;
 
 template <class Real>
 NMP_INLINE Lanes<Real> all_lanes(Real value) {
   return value - Lanes<Real>{};
+}
+
+/// 0, 1, 2, ...
+template <class Real>
+NMP_INLINE LaneMask<Real> lane_numbers() {
+  LaneMask<Real> numbers = {};
+  for (int l = 0; l < kLanes<Real>; ++l) numbers[l] = l;
+  return numbers;
 }
 
 // Loops over the lanes, since the vector extension has no functions; one instruction each.
@@ -48,6 +60,19 @@ template <class Real>
 NMP_INLINE Lanes<Real> absolute(Lanes<Real> x) {
   for (int l = 0; l < kLanes<Real>; ++l) x[l] = std::abs(x[l]);
   return x;
+}
+
+/// 1 / x to 1 ulp, for normal numbers of which that is one too.
+template <class Real>
+NMP_INLINE Lanes<Real> reciprocal(Lanes<Real> x) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(Real) == 4) {
+    // 14 bits, and a Newton step to the rest: faster than a division where many are needed.
+    const Lanes<Real> y = (Lanes<Real>)_mm512_rcp14_ps((__m512)x);
+    return y + y * (Real(1) - x * y);
+  }
+#endif
+  return Real(1) / x;
 }
 
 template <class Real>
@@ -71,9 +96,9 @@ struct Exponential<float> {
   static constexpr float p[] = {0x1.000000p-1f, 0x1.5554dcp-3f, 0x1.55551ap-5f, 0x1.120b6ep-7f,
                                 0x1.6d1110p-10f};
   static constexpr float ln2_high = 0x1.62e4p-1f, ln2_low = 0x1.7f7d1cp-20f;
-  static constexpr float rounder = 0x1.8p23f;  // x + rounder has the nearest integer to x last
+  static constexpr float rounder = 0x1.8p23f + 127;  // x + rounder ends with x, rounded, + bias
   static constexpr float largest = 112;        // 112 e^-112 is 0
-  static constexpr std::int32_t bias = 127, mantissa = 23, lift = 64;
+  static constexpr std::int32_t mantissa = 23, lift = 64;
   static constexpr float normal = 86;  // x e^-x is a normal number up to there
   static constexpr float unlift = 0x1p-64f;
 };
@@ -84,9 +109,9 @@ struct Exponential<double> {
       0x1.6c16c1788bd90p-10, 0x1.a01a01a7c41d5p-13, 0x1.a019b90d2ae7ap-16, 0x1.71de0dae63bb3p-19,
       0x1.289185613a3d6p-22, 0x1.af38a9b0ec855p-26};
   static constexpr double ln2_high = 0x1.62e42feep-1, ln2_low = 0x1.a39ef35793c76p-33;
-  static constexpr double rounder = 0x1.8p52;
+  static constexpr double rounder = 0x1.8p52 + 1023;
   static constexpr double largest = 760;
-  static constexpr std::int64_t bias = 1023, mantissa = 52, lift = 128;
+  static constexpr std::int64_t mantissa = 52, lift = 128;
   static constexpr double normal = 707;
   static constexpr double unlift = 0x1p-128;
 };
@@ -102,64 +127,94 @@ struct Silu {
 };
 
 namespace detail {
-// In `far` lanes, e^-|x| may not be a normal number: its powers of two come last, in two parts.
-// Other lanes get the same bits with and without.
-template <class Real, bool far>
-NMP_INLINE Silu<Real> silu_of(Lanes<Real> x) {
+// e^t = p 2^k for t in [-largest, largest], p in [2^-1/2, 2^1/2]; the last bits of `rounded` hold k.
+template <class Real>
+struct Power {
+  Lanes<Real> p, rounded;
+};
+template <class Real>
+NMP_INLINE Power<Real> exponential_parts(Lanes<Real> t) {
   using E = Exponential<Real>;
-  using V = Lanes<Real>;
-  using Bits = LaneMask<Real>;
-  V a = x, t = absolute<Real>(x);
-  if constexpr (far) {
-    const V lowest = all_lanes<Real>(-E::largest), highest = all_lanes<Real>(E::largest);
-    a = x < lowest ? lowest : x;
-    t = t > highest ? highest : t;
-  }
-  // e^-t = 2^k e^r.
-  const V rounded = E::rounder - t * Real(1.4426950408889634);
-  const V k = rounded - E::rounder;
-  const V r = (-t - k * E::ln2_high) - k * E::ln2_low;
+  const Lanes<Real> rounded = E::rounder + t * Real(1.4426950408889634);
+  const Lanes<Real> k = rounded - E::rounder;
+  const Lanes<Real> r = (t - k * E::ln2_high) - k * E::ln2_low;
   constexpr int n = sizeof(E::p) / sizeof(E::p[0]);
-  V p = all_lanes<Real>(E::p[n - 1]);
+  Lanes<Real> p = all_lanes<Real>(E::p[n - 1]);
   NMP_UNROLL
   for (int i = n - 2; i >= 0; --i) p = p * r + E::p[i];
-  p = r * r * p + r + Real(1);
-  const Bits exponent = reinterpret_cast<Bits>(rounded) -
-                        reinterpret_cast<Bits>(all_lanes<Real>(E::rounder)) +
-                        (E::bias + (far ? E::lift : 0));
-  const V power = reinterpret_cast<V>(exponent << E::mantissa);
-  const Bits negative = a < Real(0);
+  return {r * r * p + r + Real(1), rounded};
+}
+
+}  // namespace detail
+
+/// For x that is_near(): no power of two leaves the normal numbers.
+template <class Real>
+NMP_INLINE Silu<Real> silu_near(Lanes<Real> x) {
+  using E = detail::Exponential<Real>;
+  const detail::Power<Real> power = detail::exponential_parts<Real>(-x);
+  // The shift leaves k + bias alone: the rounder ends with the bias.
+  const Lanes<Real> scale =
+      reinterpret_cast<Lanes<Real>>(reinterpret_cast<LaneMask<Real>>(power.rounded) << E::mantissa);
   Silu<Real> result;
-  if constexpr (far) {
-    const V tail = all_lanes<Real>(E::unlift), one = all_lanes<Real>(1);
-    const V large = Real(1) / (Real(1) + p * power * tail), small = p * large;
-    const V first = negative ? power : one, second = negative ? tail : one;
-    const V q = negative ? small : large;
-    result.y = a * q * first * second;
-    result.sigma = q * first * second;
-    result.complement = negative ? large : small * power * tail;
-  } else {
-    const V e = p * power, large = Real(1) / (Real(1) + e), small = e * large;
-    result.sigma = negative ? small : large;
-    result.y = a * result.sigma;
-    result.complement = negative ? large : small;
-  }
-  result.slope = result.sigma * (Real(1) + (negative ? a : t) * result.complement);
+  result.sigma = reciprocal<Real>(Real(1) + power.p * scale);
+  result.complement = power.p * scale * result.sigma;
+  result.y = x * result.sigma;
+  result.slope = result.sigma * (Real(1) + x * result.complement);
   return result;
 }
 
+namespace detail {
+// For any x: e^-|x| may not be a normal number, so that its powers of two come last, in two parts.
+// Lanes that are near get the bits of silu_near().
 template <class Real>
-[[gnu::noinline]] Silu<Real> silu_far(Lanes<Real> x) {
-  return silu_of<Real, true>(x);
+[[gnu::noinline]] Silu<Real> silu_anywhere(Lanes<Real> x, LaneMask<Real> near) {
+  using E = Exponential<Real>;
+  using V = Lanes<Real>;
+  const V one = all_lanes<Real>(1), tail = all_lanes<Real>(E::unlift);
+  const V largest = all_lanes<Real>(E::largest);
+  const V a = x < -largest ? -largest : x;
+  V t = absolute<Real>(x);
+  t = t > largest ? largest : t;
+  const Power<Real> power = exponential_parts<Real>(-t);
+  // The exponent of 2^(k + lift), never below the normal ones.
+  const V scale = reinterpret_cast<V>(
+      (reinterpret_cast<LaneMask<Real>>(power.rounded) + E::lift) << E::mantissa);
+  const V large = Real(1) / (Real(1) + power.p * scale * tail), small = power.p * large;
+  const LaneMask<Real> negative = a < Real(0);
+  const V first = negative ? scale : one, second = negative ? tail : one;
+  const V q = negative ? small : large;
+  Silu<Real> far;
+  far.y = a * q * first * second;
+  far.sigma = q * first * second;
+  far.complement = negative ? large : small * scale * tail;
+  far.slope = far.sigma * (Real(1) + (negative ? a : t) * far.complement);
+
+  const Silu<Real> result = silu_near<Real>(near ? x : V{});
+  return {near ? result.y : far.y, near ? result.sigma : far.sigma,
+          near ? result.complement : far.complement, near ? result.slope : far.slope};
 }
 }  // namespace detail
+
+/// The bits of |x|, or `than` where that is larger; those of a NaN are larger than any number's.
+template <class Real>
+NMP_INLINE LaneMask<Real> larger_magnitude(LaneMask<Real> than, Lanes<Real> x) {
+  const LaneMask<Real> bits = reinterpret_cast<LaneMask<Real>>(x) & LaneBits<Real>::magnitude;
+  return bits > than ? bits : than;
+}
+/// Whether all numbers of that magnitude are such that silu_near() is right for them.
+template <class Real>
+NMP_INLINE bool is_near(LaneMask<Real> magnitude) {
+  const auto limit = reinterpret_cast<LaneMask<Real>>(
+      all_lanes<Real>(static_cast<Real>(detail::Exponential<Real>::normal)));
+  return !any<Real>(magnitude > limit);
+}
 
 template <class Real>
 NMP_INLINE Silu<Real> silu_parts(Lanes<Real> x) {
   // Not true of a NaN.
   const LaneMask<Real> near = absolute<Real>(x) <= Real(detail::Exponential<Real>::normal);
-  if (__builtin_expect(any<Real>(~near), 0)) return detail::silu_far<Real>(x);
-  return detail::silu_of<Real, false>(x);
+  if (__builtin_expect(any<Real>(~near), 0)) return detail::silu_anywhere<Real>(x, near);
+  return silu_near<Real>(x);
 }
 
 template <class Real>

@@ -62,11 +62,30 @@ struct Finish {
   const Real* factor = nullptr;  // y <- factor y
 };
 
+// y <- silu(y) for R vectors, `stride` apart, in their first n_silu columns. near: see is_near().
+template <class Real, int R, bool near, bool slopes>
+NMP_INLINE void activate(Real* y, Index stride, Real* slope, Index n_silu) {
+  const LaneMask<Real> chosen = lane_numbers<Real>() < static_cast<LaneElement<Real>>(n_silu);
+  const bool all = n_silu >= kLanes<Real>;
+  for (int r = 0; r < R; ++r) {
+    const Lanes<Real> x = load(y + r * stride);
+    Silu<Real> silu;
+    if constexpr (near)
+      silu = silu_near<Real>(x);
+    else
+      silu = silu_parts<Real>(x);
+    store<Real>(y + r * stride, all ? silu.y : chosen ? silu.y : x);
+    if constexpr (slopes)
+      store<Real>(slope + r * stride,
+                  all ? silu.slope : chosen ? silu.slope : all_lanes<Real>(1));
+  }
+}
+
 // y[r] = b + x[r] W_T for R rows and N vectors of columns.
 template <class Real, int R, int N>
 void block_product(const Real* x, Index x_stride, const Real* W_T, const Real* b, Index K, Real* y,
                    Index y_stride, const Finish<Real>& finish) {
-  constexpr Index kWidth = kLanes<Real>;
+  constexpr int kWidth = kLanes<Real>;
   if (const Real* factor = finish.factor) {
     const auto put = [&](int r, Index n, const Lanes<Real>& sum) {
       store<Real>(y + r * y_stride + n, sum * load(factor + r * y_stride + n));
@@ -74,26 +93,29 @@ void block_product(const Real* x, Index x_stride, const Real* W_T, const Real* b
     product<Real, R, N>(x, x_stride, 1, W_T, y_stride, K, b, put);
     return;
   }
+  LaneMask<Real> largest = {};
   const auto put = [&](int r, Index n, const Lanes<Real>& sum) {
+    largest = larger_magnitude<Real>(largest, sum);
     store<Real>(y + r * y_stride + n, sum);
   };
   product<Real, R, N>(x, x_stride, 1, W_T, y_stride, K, b, put);
-  for (Index n = 0; n < N * kWidth; n += kWidth) {
-    const Index n_silu = std::clamp(finish.n_silu - n, Index(0), kWidth);  // of these columns
-    for (Index r = 0; r < R; ++r) {
-      const Index at = r * y_stride + n;
-      if (n_silu == 0) {
-        if (finish.slope) store<Real>(finish.slope + at, all_lanes<Real>(1));
-        continue;
-      }
-      Silu<Real> silu = silu_parts<Real>(load(y + at));
-      if (n_silu < kWidth) {
-        const Lanes<Real> as_it_is = load(y + at);
-        for (Index l = n_silu; l < kWidth; ++l) silu.y[l] = as_it_is[l], silu.slope[l] = Real(1);
-      }
-      store<Real>(y + at, silu.y);
-      if (finish.slope) store<Real>(finish.slope + at, silu.slope);
+  const auto finish_column = [&](auto near, Index n) {
+    Real* slope = finish.slope ? finish.slope + n : nullptr;
+    if (finish.n_silu > n) {
+      if (slope)
+        activate<Real, R, near, true>(y + n, y_stride, slope, finish.n_silu - n);
+      else
+        activate<Real, R, near, false>(y + n, y_stride, slope, finish.n_silu - n);
+    } else if (slope) {
+      for (int r = 0; r < R; ++r) store<Real>(slope + r * y_stride, all_lanes<Real>(1));
     }
+  };
+  const bool near = is_near<Real>(largest);
+  for (Index n = 0; n < N * kWidth; n += kWidth) {
+    if (__builtin_expect(near, 1))
+      finish_column(std::true_type(), n);
+    else
+      finish_column(std::false_type(), n);
   }
 }
 
