@@ -1,12 +1,13 @@
 #include "autodiff/checkpoint.h"
 
+#include <algorithm>
+
 namespace nmp::ad {
 
 namespace {
 
 template <class Real>
 Vars<Real> run_inside(Tape<Real>& inner, const Piece<Real>& piece, const Vars<Real>& inputs) {
-  inner.clear();
   Vars<Real> leaves;
   for (const Var<Real>& input : inputs) leaves.push_back(inner.alias(input));
   return piece(inner, leaves);
@@ -20,6 +21,7 @@ Vars<Real> checkpoint(const Piece<Real>& piece, const Vars<Real>& inputs) {
   Tape<Real>& tape = inputs.front().tape();
   Tape<Real>& inner = tape.inner();
 
+  inner.begin_first_run(tape);
   const Vars<Real> inside = run_inside(inner, piece, inputs);
   const std::size_t n_results = inside.size();
   Var<Real>* results = tape.template keep<Var<Real>>(static_cast<Index>(n_results));
@@ -27,19 +29,25 @@ Vars<Real> checkpoint(const Piece<Real>& piece, const Vars<Real>& inputs) {
   auto* versions = tape.template keep<std::uint64_t>(static_cast<Index>(n_parameters));
   for (std::size_t i = 0; i < n_parameters; ++i) versions[i] = inner.parameter_version(i);
   tape.add_parameters_read(inner);
+  const std::size_t n_remembered = inner.remembered().size();
+  auto* remembered = tape.template keep<const void*>(static_cast<Index>(n_remembered));
+  std::copy_n(inner.remembered().data(), n_remembered, remembered);
   bool wanted = false;  // parameters that the piece reads count, even if no input needs an adjoint
-  for (const Var<Real>& result : inside) wanted |= result.needs_grad();
+  for (const Var<Real>& result : inside) wanted |= inner.depends_on_leaves(result);
 
   const Var<Real> op = tape.record_span(
       "checkpoint", inputs.data(), inputs.size(), tape.allocate(0, 0),
-      [&tape, piece, inputs, results, n_results, versions, n_parameters](const auto&) {
+      [&tape, piece, inputs, results, n_results, versions, n_parameters, remembered,
+       n_remembered](const auto&) {
         bool used = false;
         for (std::size_t i = 0; i < n_results; ++i) used |= results[i].has_bar();
         if (!used) return;
 
         Tape<Real>& again = tape.inner();
+        again.begin_second_run(remembered, n_remembered);
         const Vars<Real> inside_again = run_inside(again, piece, inputs);
-        NMP_CHECK(inside_again.size() == n_results && again.n_parameters_read() == n_parameters,
+        NMP_CHECK(inside_again.size() == n_results && again.n_parameters_read() == n_parameters &&
+                      again.recalled_all(),
                   "a checkpointed piece did something else when it was run again");
         for (std::size_t i = 0; i < n_parameters; ++i)
           if (again.parameter_version(i) != versions[i])

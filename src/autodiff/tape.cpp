@@ -72,7 +72,7 @@ ConstMatrixMap<Real> Var<Real>::value() const {
 template <class Real>
 MatrixMap<Real> Var<Real>::bar() const {
   auto& n = tape().node(*this);
-  NMP_CHECK(n.needs_grad,
+  NMP_CHECK(tape_->needs_grad(n),
             text("the adjoint of '", n.op, "' was asked for, but it depends on no input"));
   return tape_->bar_of(n);
 }
@@ -85,7 +85,7 @@ bool Var<Real>::has_bar() const {
 
 template <class Real>
 bool Var<Real>::needs_grad() const {
-  return tape().node(*this).needs_grad;
+  return tape().needs_grad(tape_->node(*this));
 }
 
 template <class Real>
@@ -114,14 +114,13 @@ template <class Real>
 Var<Real> Tape<Real>::add_node(const char* op, const Var<Real>* inputs, std::size_t n_inputs,
                                Real* value, Index rows, Index cols, bool wanted) {
   Node n;
-  n.needs_grad = wanted;
+  n.depends = wanted;
   n.op = op;
   n.value = value;
   n.rows = rows;
   n.cols = cols;
-  for (std::size_t i = 0; i < n_inputs; ++i) n.needs_grad |= node(inputs[i]).needs_grad;
-  n.needs_grad &= mode_ == Mode::record;
-  if (n.needs_grad) {
+  for (std::size_t i = 0; i < n_inputs; ++i) n.depends |= node(inputs[i]).depends;
+  if (needs_grad(n)) {
     n.inputs = keep<Input>(static_cast<Index>(n_inputs));
     n.n_inputs = static_cast<std::int32_t>(n_inputs);
     for (std::size_t i = 0; i < n_inputs; ++i)
@@ -152,7 +151,7 @@ Var<Real> Tape<Real>::input(const ConstView<Real>& value) {
   const Var<Real> leaf = constant(value);
   Node& n = node(leaf);
   n.op = "input";
-  n.needs_grad = mode_ == Mode::record;
+  n.depends = true;
   return leaf;
 }
 
@@ -165,7 +164,7 @@ Var<Real> Tape<Real>::parameter(const Parameter<Real>& parameter) {
   parameters_.push_back(parameter.data_);
   Node& n = node(leaf);
   n.parameter = static_cast<std::int32_t>(parameters_.size()) - 1;
-  n.needs_grad = mode_ == Mode::record && !data.frozen;
+  n.depends = !data.frozen;
   return leaf;
 }
 
@@ -175,7 +174,7 @@ Var<Real> Tape<Real>::alias(Var<Real> outer) {
   const Var<Real> leaf = add_node("alias", nullptr, 0, source.value, source.rows, source.cols);
   Node& n = node(leaf);
   n.outer = outer;
-  n.needs_grad = mode_ == Mode::record && source.needs_grad;
+  n.depends = source.depends;
   return leaf;
 }
 
@@ -227,7 +226,7 @@ void Tape<Real>::backward(const Var<Real>* y, const ConstMatrixMap<Real>* y_bar,
     Node& start = node(y[i]);
     NMP_CHECK(y_bar[i].rows() == start.rows && y_bar[i].cols() == start.cols,
               "the adjoint must be " + shape(y[i].value()) + ", got " + shape(y_bar[i]));
-    if (start.needs_grad) bar_of(start) += y_bar[i];
+    if (start.depends) bar_of(start) += y_bar[i];
   }
   for (std::size_t id = nodes_.size(); id-- > 0;) {
     Node& each = nodes_[id];
@@ -261,6 +260,9 @@ void Tape<Real>::clear() {
     if (n.destroy) n.destroy(n.closure);
   nodes_.clear();
   parameters_.clear();
+  remembered_.clear();
+  keeper_ = nullptr;
+  second_run_ = false;
   arena_.reset();
   ++epoch_;
 }
@@ -274,6 +276,29 @@ template <class Real>
 Tape<Real>& Tape<Real>::inner() {
   if (!inner_) inner_ = std::make_unique<Tape>(mode_);
   return *inner_;
+}
+
+template <class Real>
+void Tape<Real>::begin_first_run(Tape& keeper) {
+  clear();
+  mode_ = Mode::inference;
+  keeper_ = &keeper;
+}
+
+template <class Real>
+void Tape<Real>::begin_second_run(const void* const* remembered, std::size_t n) {
+  clear();
+  mode_ = Mode::record;
+  second_run_ = true;
+  remembered_.assign(remembered, remembered + n);
+  n_recalled_ = 0;
+}
+
+template <class Real>
+const void* Tape<Real>::next_remembered() {
+  NMP_CHECK(n_recalled_ < remembered_.size(),
+            "a checkpointed piece did something else when it was run again");
+  return remembered_[n_recalled_++];
 }
 
 #define NMP_INSTANTIATE(Real) \

@@ -121,6 +121,17 @@ class Tape {
     static_assert(std::is_trivially_destructible_v<T>);
     return static_cast<T*>(arena_.allocate(static_cast<std::size_t>(n) * sizeof(T)));
   }
+  /// `n` objects that fill(T*) computes, for an operator that would rather keep them than compute
+  /// them again: in the second run of a checkpointed piece they are those of the first.
+  template <class T, class Fill>
+  const T* remember(Index n, Fill&& fill) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    if (second_run_) return static_cast<const T*>(next_remembered());
+    T* memory = keeper_ ? keeper_->template keep<T>(n) : keep<T>(n);
+    fill(memory);
+    if (keeper_) remembered_.push_back(memory);
+    return memory;
+  }
   /// Appends a node: `value` (from allocate) was computed from `inputs`; `backward(bar)` adds to
   /// the adjoints of those inputs that need one, given the node's own adjoint.
   /// @param op  a name with static lifetime, for messages
@@ -173,12 +184,24 @@ class Tape {
   std::size_t n_nodes() const { return nodes_.size(); }
   /// Most bytes of arena memory ever in use, this tape's inner tape included.
   std::size_t peak_bytes() const;
-  /// Counts what `inner` has read as read by this tape (checkpoint).
+
+  // -- for checkpoint
+
+  /// A tape for the inner work of checkpoint, made when first asked for.
+  Tape& inner();
+  /// Clears, for a run that keeps values only; what is remembered stays with `keeper`.
+  void begin_first_run(Tape& keeper);
+  /// Clears, for a run that is recorded and finds what the first one remembered.
+  void begin_second_run(const void* const* remembered, std::size_t n);
+  const std::vector<const void*>& remembered() const { return remembered_; }
+  bool recalled_all() const { return n_recalled_ == remembered_.size(); }
+  /// Whether an input or a parameter that is not frozen is behind this value: needs_grad() of a
+  /// tape that records.
+  bool depends_on_leaves(Var<Real> var) { return node(var).depends; }
+  /// Counts what `inner` has read as read by this tape.
   void add_parameters_read(const Tape& inner) {
     parameters_.insert(parameters_.end(), inner.parameters_.begin(), inner.parameters_.end());
   }
-  /// A tape for the inner work of checkpoint, made when first asked for.
-  Tape& inner();
 
  private:
   friend class Var<Real>;
@@ -197,7 +220,7 @@ class Tape {
     std::int32_t n_inputs = 0;
     std::int32_t parameter = -1;  // position in parameters_
     std::uint64_t version = 0;
-    bool needs_grad = false;
+    bool depends = false;   // on leaves whose adjoint is wanted
     bool bar_live = false;  // bar holds something of this backward pass
     Var<Real> outer;        // set for alias()
     void* closure = nullptr;
@@ -209,6 +232,8 @@ class Tape {
                      Index rows, Index cols, bool wanted = false);
   void set_backward(Var<Real> result, void* closure, BackwardCall call, DestroyCall destroy);
   Node& node(Var<Real> var);
+  bool needs_grad(const Node& n) const { return n.depends && mode_ == Mode::record; }
+  const void* next_remembered();
   std::uint64_t version(const Node& n) const;
   MatrixMap<Real> bar_of(Node& n);
   std::string name_of(const Node& n) const;
@@ -219,6 +244,11 @@ class Tape {
   std::vector<std::shared_ptr<typename Parameter<Real>::Data>> parameters_;
   std::uint32_t epoch_ = 0;
   std::unique_ptr<Tape> inner_;
+  // Of a run inside a checkpoint.
+  Tape* keeper_ = nullptr;
+  bool second_run_ = false;
+  std::vector<const void*> remembered_;
+  std::size_t n_recalled_ = 0;
 };
 
 }  // namespace nmp::ad

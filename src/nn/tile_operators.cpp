@@ -95,6 +95,48 @@ void keep_larger(const Real* y, std::int32_t row, Index n, Real* best, std::int3
   }
 }
 
+// An output of a group: the largest over the group's rows, and the row it came from.
+template <class Real>
+struct Winner {
+  Real value;
+  std::int32_t row;
+};
+
+// Those of every group, n_out each, into `out`.
+template <class Real>
+void find_winners(const MlpTile<Real>& net, const ConstMatrixMap<Real>& x, Index group,
+                  Winner<Real>* out) {
+  constexpr Index kRows = MlpTile<Real>::kRows;
+  const Index rows = x.rows(), n_out = net.n_out(), n_groups = rows / group;
+  const Index tiles = (group + kRows - 1) / kRows;  // per group
+  thread_local Workspace<Real> best_memory;
+  thread_local Workspace<std::int32_t> where_memory;
+  Real* best = best_memory.get(static_cast<std::size_t>(n_groups * tiles * n_out));
+  std::int32_t* where = where_memory.get(static_cast<std::size_t>(n_groups * tiles * n_out));
+  net.for_each(n_groups * tiles * kRows, [&](Real* scratch, Index place, Index) {
+    const Index t = place / kRows, begin = t % tiles * kRows;
+    const Index first = t / tiles * group + begin, n = std::min(kRows, group - begin);
+    load_rows(x.data() + first, rows, x.cols(), n, net.input(scratch), net.in_stride());
+    const Real* y = net.forward(scratch, n);
+    std::copy_n(y, n_out, best + t * n_out);
+    std::fill_n(where + t * n_out, n_out, static_cast<std::int32_t>(first));
+    for (Index r = 1; r < n; ++r)
+      keep_larger(y + r * net.out_stride(), static_cast<std::int32_t>(first + r), n_out,
+                  best + t * n_out, where + t * n_out);
+  });
+  // The tiles of a group in order.
+  for (Index g = 0; g < n_groups; ++g) {
+    for (Index k = 0; k < n_out; ++k) {
+      Winner<Real>& winner = out[g * n_out + k];
+      for (Index t = g * tiles; t < (g + 1) * tiles; ++t) {
+        const Real value = best[t * n_out + k];
+        const bool wins = !(value <= winner.value) && winner.value == winner.value;
+        if (t == g * tiles || wins) winner = {value, where[t * n_out + k]};
+      }
+    }
+  }
+}
+
 }  // namespace
 
 template <class Real>
@@ -107,76 +149,48 @@ Var<Real> tile_group_max(const typename MlpTile<Real>::Net& net, Var<Real> x, In
             text("at most 2^31 - 1 rows, got ", x.rows()));
   NMP_CHECK(x.cols() == forward.n_in(),
             text("the net has ", forward.n_in(), " inputs, got ", shape(x.value())));
-  constexpr Index kRows = MlpTile<Real>::kRows;
-  const Index rows = x.rows(), n_out = forward.n_out(), n_groups = rows / group;
-  const Index tiles = (group + kRows - 1) / kRows;  // per group
-  const auto x_value = x.value();
-  Real* best = tape.template keep<Real>(n_groups * tiles * n_out);
-  auto* where = tape.template keep<std::int32_t>(n_groups * tiles * n_out);
-  forward.for_each(n_groups * tiles * kRows, [&](Real* scratch, Index place, Index) {
-    const Index t = place / kRows, begin = t % tiles * kRows;
-    const Index first = t / tiles * group + begin, n = std::min(kRows, group - begin);
-    load_rows(x_value.data() + first, rows, x_value.cols(), n, forward.input(scratch),
-              forward.in_stride());
-    const Real* y = forward.forward(scratch, n);
-    std::copy_n(y, n_out, best + t * n_out);
-    std::fill_n(where + t * n_out, n_out, static_cast<std::int32_t>(first));
-    for (Index r = 1; r < n; ++r)
-      keep_larger(y + r * forward.out_stride(), static_cast<std::int32_t>(first + r), n_out,
-                  best + t * n_out, where + t * n_out);
-  });
-  // The tiles of a group in order; the winners of group g end up in its first tile's place.
-  MatrixMap<Real> y = tape.allocate(n_groups, n_out);
-  for (Index g = 0; g < n_groups; ++g) {
-    Real* group_best = best + g * tiles * n_out;
-    std::int32_t* group_where = where + g * tiles * n_out;
-    for (Index t = 1; t < tiles; ++t) {
-      for (Index k = 0; k < n_out; ++k) {
-        const Real value = group_best[t * n_out + k];
-        if (value <= group_best[k] || group_best[k] != group_best[k]) continue;
-        group_best[k] = value;
-        group_where[k] = group_where[t * n_out + k];
-      }
-    }
-    for (Index k = 0; k < n_out; ++k) y(g, k) = group_best[k];
-  }
+  const Index n_out = forward.n_out(), n_winners = x.rows() / group * n_out;
+  const auto* winners = tape.template remember<Winner<Real>>(
+      n_winners, [&](Winner<Real>* out) { find_winners(forward, x.value(), group, out); });
+  MatrixMap<Real> y = tape.allocate(n_winners / n_out, n_out);
+  for (Index i = 0; i < n_winners; ++i) y(i / n_out, i % n_out) = winners[i].value;
 
-  const auto adjoint = [net, x, tiles, where, n_out](const ConstMatrixMap<Real>& y_bar) {
+  const auto adjoint = [net, x, winners, n_out](const ConstMatrixMap<Real>& y_bar) {
     auto& memory = x.tape();
     const MlpTile<Real> tile(net, true);
     // Rows that have won, each once, and the group of each.
-    auto* winners = memory.template keep<std::int32_t>(y_bar.size());
+    auto* won = memory.template keep<std::int32_t>(y_bar.size());
     auto* of_group = memory.template keep<std::int32_t>(y_bar.size());
-    Index n_winners = 0;
+    Index n_won = 0;
     for (Index g = 0; g < y_bar.rows(); ++g) {
-      std::int32_t* begin = winners + n_winners;
-      std::copy_n(where + g * tiles * n_out, n_out, begin);
+      std::int32_t* begin = won + n_won;
+      for (Index k = 0; k < n_out; ++k) begin[k] = winners[g * n_out + k].row;
       std::sort(begin, begin + n_out);
       const Index n = std::unique(begin, begin + n_out) - begin;
-      std::fill_n(of_group + n_winners, n, static_cast<std::int32_t>(g));
-      n_winners += n;
+      std::fill_n(of_group + n_won, n, static_cast<std::int32_t>(g));
+      n_won += n;
     }
     const bool x_wanted = x.needs_grad();
     const auto value = x.value();
     MatrixMap<Real> x_bar = x_wanted ? x.bar() : MatrixMap<Real>(nullptr, 0, 0);
-    tile.for_each_adjoint(n_winners, [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
+    tile.for_each_adjoint(n_won, [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
       Real* in = tile.input(scratch);
       for (Index r = 0; r < n; ++r)
         for (Index k = 0; k < value.cols(); ++k)
-          in[r * tile.in_stride() + k] = value(winners[begin + r], k);
+          in[r * tile.in_stride() + k] = value(won[begin + r], k);
       tile.forward(scratch, n, true);
       Real* bar = tile.output_bar(scratch);
       std::fill_n(bar, n * tile.out_stride(), Real(0));
       for (Index r = 0; r < n; ++r) {
         const Index g = of_group[begin + r];
         for (Index k = 0; k < n_out; ++k)
-          if (where[g * tiles * n_out + k] == winners[begin + r])
+          if (winners[g * n_out + k].row == won[begin + r])
             bar[r * tile.out_stride() + k] = y_bar(g, k);
       }
       const Real* from = tile.backward(scratch, n, weight_bars, x_wanted);
       for (Index r = 0; r < n && x_wanted; ++r)
         for (Index k = 0; k < value.cols(); ++k)
-          x_bar(winners[begin + r], k) += from[r * tile.in_stride() + k];
+          x_bar(won[begin + r], k) += from[r * tile.in_stride() + k];
     });
   };
   const TileInputs<Real> inputs = with_weights<Real>(net, &x, 1);

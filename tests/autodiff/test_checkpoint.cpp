@@ -1,6 +1,7 @@
 #include "autodiff/checkpoint.h"
 
 #include <algorithm>
+#include <tuple>
 
 #include "autodiff/check_op.h"
 #include "autodiff/ops_basic.h"
@@ -155,5 +156,70 @@ TEST_SUITE("autodiff/checkpoint") {
     }
     CHECK(same_bits(results[0], results[2]));
     CHECK(same_bits(results[1], results[3]));
+  }
+
+  TEST_CASE("what a piece remembers is computed once, also inside another checkpoint") {
+    int filled = 0, runs = 0;
+    const Piece<double> piece = [&](Tape<double>& t, const Vars<double>& in) {
+      ++runs;
+      const auto fill = [&](double* to) {
+        ++filled;
+        for (int k = 0; k < 3; ++k) to[k] = 10 * k + in[0].value()(0, 0);
+      };
+      const double* first = t.remember<double>(3, fill);
+      const double* second = t.remember<double>(3, fill);
+      CHECK(first != second);
+      return Vars<double>{scale(in[0], first[1] + second[2])};
+    };
+    const Piece<double> outer = [&](Tape<double>&, const Vars<double>& in) {
+      return checkpoint<double>(piece, in);
+    };
+    const Matrix<double> three = Matrix<double>::Constant(1, 1, 3);
+    // Runs and fills of two backward passes, each pass once by itself, and inside a checkpoint.
+    for (const auto& [function, n_runs, n_filled] :
+         {std::tuple(&piece, 3, 2), std::tuple(&outer, 5, 6)}) {
+      Tape<double> tape;
+      filled = runs = 0;
+      const auto x = tape.input(three);
+      const auto y = checkpoint<double>(*function, {x})[0];
+      for (int pass = 0; pass < 2; ++pass) {
+        tape.backward(y);
+        CHECK(x.bar()(0, 0) == 36);
+      }
+      CHECK(y.value()(0, 0) == 3 * 36);
+      CHECK(runs == n_runs);
+      CHECK(filled == n_filled);
+    }
+    Tape<double> plain;
+    CHECK(piece(plain, {plain.input(three)})[0].value()(0, 0) == 3 * 36);
+  }
+
+  TEST_CASE("the first run of a piece records nothing, whatever it depends on") {
+    const Parameter<double> W("W", random_matrix(2, 2, 1));
+    std::vector<bool> wanted;
+    const Piece<double> piece = [&](Tape<double>& t, const Vars<double>& in) {
+      const auto y = linear(in[0], t.parameter(W));
+      wanted.push_back(y.needs_grad());
+      return Vars<double>{y};
+    };
+    Tape<double> tape;
+    const auto y = checkpoint<double>(piece, {tape.constant(random_matrix(3, 2, 2))})[0];
+    CHECK(y.needs_grad());
+    tape.backward(squared_norm(y));
+    CHECK(wanted == std::vector<bool>{false, true});
+  }
+
+  TEST_CASE("a piece that asks for more or less of its memory when it is run again is an error") {
+    for (const bool more : {true, false}) {
+      int runs = 0;
+      const Piece<double> piece = [&](Tape<double>& t, const Vars<double>& in) {
+        const int n = ++runs == 1 ? 1 : more ? 2 : 0;
+        for (int k = 0; k < n; ++k) t.remember<double>(1, [](double* to) { *to = 2; });
+        return Vars<double>{scale(in[0], 2.0)};
+      };
+      Tape<double> tape;
+      const auto y = checkpoint<double>(piece, {tape.input(random_matrix(1, 1, 1))})[0];
+      CHECK_THROWS_AS(tape.backward(y), std::invalid_argument);
+    }
   }
 }
