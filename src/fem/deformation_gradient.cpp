@@ -5,22 +5,32 @@
 
 namespace nmp::fem {
 
+namespace {
+
+// to[l] = from[at[l]]; further lanes repeat the last one.
+template <class Real>
+void pick(const Real* from, const std::int32_t* at, Index count, Real* to) {
+  for (Index l = 0; l < count; ++l) to[l] = from[at[l]];
+  for (Index l = count; l < kBlock; ++l) to[l] = to[count - 1];
+}
+
+}  // namespace
+
 // Since the four gradients sum to zero, F_e = sum_{a=1,2,3} (x_a - x_0) (x) grad N_a: a translation
 // cancels before it is multiplied.
 template <class Real>
 void gradient_of_block(const TetMesh<Real>& mesh, const ConstView<Real>& x, Index begin,
                        Index count, Block<Real, 9>& F) {
   Block<Real, 9> d, g;  // row a - 1: x_a - x_0 and grad N_a
-  const Index n_tets = mesh.n_tets();
+  Block<Real, 3> x_0;
   const std::int32_t* tets = mesh.tets().data() + begin;
-  for (int a = 1; a < 4; ++a) {
-    for (int i = 0; i < 3; ++i) {
-      const Real* xi = x.data() + i * x.outerStride();
-      for (Index l = 0; l < count; ++l)
-        d[3 * (a - 1) + i][l] = xi[tets[a * n_tets + l]] - xi[tets[l]];
-      for (Index l = count; l < kBlock; ++l) d[3 * (a - 1) + i][l] = d[3 * (a - 1) + i][count - 1];
-    }
+  for (int i = 0; i < 3; ++i) {
+    const Real* xi = x.data() + i * x.outerStride();
+    pick(xi, tets, count, x_0[i]);
+    for (int a = 1; a < 4; ++a) pick(xi, tets + a * mesh.n_tets(), count, d[3 * (a - 1) + i]);
   }
+  for (int k = 0; k < 9; ++k)
+    for (Index l = 0; l < kBlock; ++l) d[k][l] -= x_0[k % 3][l];
   load(mesh.grad_N(), 3, begin, count, g);
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)

@@ -4,11 +4,10 @@
 
 #include "autodiff/ops_basic.h"
 #include "autodiff/ops_loss.h"
-#include "autodiff/ops_mat3.h"
 #include "base/check.h"
 #include "base/random.h"
-#include "fem/deformation_gradient.h"
 #include "fem/step.h"
+#include "fem/volume_penalty.h"
 
 namespace nmp {
 
@@ -87,8 +86,7 @@ ad::Vars<float> BenchCase::step(const ad::Vars<float>& in) const {
   loss = ad::add(loss, term(x, start_.x));
   loss = ad::add(loss, term(ad::add(v, ad::scale(dv, 0.5f)), start_.v));
   constexpr float kEpsilon = 0.05f;
-  const ad::Var<float> J_minus_one = ad::det_minus_one(fem::deformation_gradient(mesh_, x));
-  loss = ad::add(loss, ad::scale(ad::hinge_squared(J_minus_one, kEpsilon), 0.1f));
+  loss = ad::add(loss, ad::scale(fem::volume_penalty(mesh_, x, kEpsilon), 0.1f));
   const fem::Contact<float> next = fem::advance(context, x, v, dv);
   return {next.x, next.v, loss};
 }

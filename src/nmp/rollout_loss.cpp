@@ -4,11 +4,10 @@
 #include "autodiff/checkpoint.h"
 #include "autodiff/ops_basic.h"
 #include "autodiff/ops_loss.h"
-#include "autodiff/ops_mat3.h"
-#include "fem/deformation_gradient.h"
 #include "fem/laws.h"
 #include "fem/semi_implicit_euler.h"
 #include "fem/step.h"
+#include "fem/volume_penalty.h"
 #include "nmp/affine_fit.h"
 #include "nmp/rollout.h"
 #include "nmp/training_loss.h"
@@ -206,9 +205,8 @@ class RolloutLoss : public TrainingLoss {
       }
       if (learned_ == Learned::both && stage_.volume_weight > 0) {
         const auto epsilon = static_cast<float>(stage_.volume_epsilon);
-        const ad::Var<float> J_minus_one = ad::det_minus_one(fem::deformation_gradient(mesh_, x));
         loss = ad::add(loss,
-                       ad::scale(ad::hinge_squared(J_minus_one, epsilon),
+                       ad::scale(fem::volume_penalty(mesh_, x, epsilon),
                                  static_cast<float>(stage_.volume_weight) / (epsilon * epsilon)));
       }
     }

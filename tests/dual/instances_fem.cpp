@@ -13,3 +13,4 @@
 #include "fem/step.cpp"
 #include "fem/stvk.cpp"
 #include "fem/tet_mesh.cpp"
+#include "fem/volume_penalty.cpp"
