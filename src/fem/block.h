@@ -2,6 +2,7 @@
 
 #include "autodiff/types.h"
 #include "base/parallel.h"
+#include "base/simd.h"
 
 /// Work on 64 elements at a time. Their entries stand side by side in local arrays of fixed length,
 /// which the compiler knows to be distinct, so that a loop over the lanes becomes SIMD; the last
@@ -72,12 +73,12 @@ struct Entries {
 };
 
 template <class Real>
-Entries<Real> entries(const Block<Real, 9>& b, Index l) {
+NMP_INLINE Entries<Real> entries(const Block<Real, 9>& b, Index l) {
   return {b[0][l], b[1][l], b[2][l], b[3][l], b[4][l], b[5][l], b[6][l], b[7][l], b[8][l]};
 }
 
 template <class Real>
-void set_entries(Block<Real, 9>& b, Index l, const Entries<Real>& A) {
+NMP_INLINE void set_entries(Block<Real, 9>& b, Index l, const Entries<Real>& A) {
   b[0][l] = A.m00, b[1][l] = A.m01, b[2][l] = A.m02;
   b[3][l] = A.m10, b[4][l] = A.m11, b[5][l] = A.m12;
   b[6][l] = A.m20, b[7][l] = A.m21, b[8][l] = A.m22;
@@ -85,19 +86,19 @@ void set_entries(Block<Real, 9>& b, Index l, const Entries<Real>& A) {
 
 /// a A + b B.
 template <class Real>
-Entries<Real> combine(Real a, const Entries<Real>& A, Real b, const Entries<Real>& B) {
+NMP_INLINE Entries<Real> combine(Real a, const Entries<Real>& A, Real b, const Entries<Real>& B) {
   return {a * A.m00 + b * B.m00, a * A.m01 + b * B.m01, a * A.m02 + b * B.m02,
           a * A.m10 + b * B.m10, a * A.m11 + b * B.m11, a * A.m12 + b * B.m12,
           a * A.m20 + b * B.m20, a * A.m21 + b * B.m21, a * A.m22 + b * B.m22};
 }
 
 template <class Real>
-Entries<Real> transpose(const Entries<Real>& A) {
+NMP_INLINE Entries<Real> transpose(const Entries<Real>& A) {
   return {A.m00, A.m10, A.m20, A.m01, A.m11, A.m21, A.m02, A.m12, A.m22};
 }
 
 template <class Real>
-Entries<Real> product(const Entries<Real>& A, const Entries<Real>& B) {
+NMP_INLINE Entries<Real> product(const Entries<Real>& A, const Entries<Real>& B) {
   return {
       A.m00 * B.m00 + A.m01 * B.m10 + A.m02 * B.m20, A.m00 * B.m01 + A.m01 * B.m11 + A.m02 * B.m21,
       A.m00 * B.m02 + A.m01 * B.m12 + A.m02 * B.m22, A.m10 * B.m00 + A.m11 * B.m10 + A.m12 * B.m20,
@@ -108,7 +109,7 @@ Entries<Real> product(const Entries<Real>& A, const Entries<Real>& B) {
 
 /// A : B.
 template <class Real>
-Real dot(const Entries<Real>& A, const Entries<Real>& B) {
+NMP_INLINE Real dot(const Entries<Real>& A, const Entries<Real>& B) {
   return (A.m00 * B.m00 + A.m01 * B.m01 + A.m02 * B.m02) +
          (A.m10 * B.m10 + A.m11 * B.m11 + A.m12 * B.m12) +
          (A.m20 * B.m20 + A.m21 * B.m21 + A.m22 * B.m22);
@@ -116,7 +117,7 @@ Real dot(const Entries<Real>& A, const Entries<Real>& B) {
 
 /// cof(A) = det A A^-T.
 template <class Real>
-Entries<Real> cofactors(const Entries<Real>& A) {
+NMP_INLINE Entries<Real> cofactors(const Entries<Real>& A) {
   return {
       A.m11 * A.m22 - A.m12 * A.m21, A.m12 * A.m20 - A.m10 * A.m22, A.m10 * A.m21 - A.m11 * A.m20,
       A.m02 * A.m21 - A.m01 * A.m22, A.m00 * A.m22 - A.m02 * A.m20, A.m01 * A.m20 - A.m00 * A.m21,
