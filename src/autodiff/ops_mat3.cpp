@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "autodiff/loops.h"
 #include "base/parallel.h"
 
 namespace nmp::ad {
@@ -13,6 +14,9 @@ template <class Real>
 void check_mat3(const char* op, const char* name, Var<Real> A) {
   NMP_CHECK(A.cols() == 9, text(op, " needs ", name, " #rows x 9, got ", shape(A.value())));
 }
+
+// The column of entry (j, i) where k is that of (i, j).
+constexpr int transposed(int k) { return k % 3 * 3 + k / 3; }
 
 template <class Real>
 Real determinant(const Mat3<Real>& A) {
@@ -64,18 +68,21 @@ Var<Real> mat3_product(Var<Real> A, Var<Real> B) {
 template <class Real>
 Var<Real> mat3_symmetric(Var<Real> A) {
   check_mat3("mat3_symmetric", "A", A);
-  const auto symmetric = [](const Mat3<Real>& M) -> Mat3<Real> {
-    return Real(0.5) * (M + M.transpose());
-  };
   const auto a = A.value();
   MatrixMap<Real> S = A.tape().allocate(a.rows(), 9);
-  parallel_for(a.rows(), [&](Index e) { store_mat3(S, e, symmetric(load_mat3<Real>(a, e))); });
-  return A.tape().record(
-      "mat3_symmetric", {A}, S, [A, symmetric](const ConstMatrixMap<Real>& S_bar) {
-        MatrixMap<Real> A_bar = A.bar();
-        parallel_for(S_bar.rows(),
-                     [&](Index e) { add_mat3(A_bar, e, symmetric(load_mat3<Real>(S_bar, e))); });
-      });
+  for_rows(a.rows(), [&](Index begin, Index n) {
+    for (int k = 0; k < 9; ++k)
+      S.col(k).segment(begin, n) =
+          Real(0.5) * (a.col(k).segment(begin, n) + a.col(transposed(k)).segment(begin, n));
+  });
+  return A.tape().record("mat3_symmetric", {A}, S, [A](const ConstMatrixMap<Real>& S_bar) {
+    MatrixMap<Real> A_bar = A.bar();
+    for_rows(S_bar.rows(), [&](Index begin, Index n) {
+      for (int k = 0; k < 9; ++k)
+        A_bar.col(k).segment(begin, n) += Real(0.5) * (S_bar.col(k).segment(begin, n) +
+                                                       S_bar.col(transposed(k)).segment(begin, n));
+    });
+  });
 }
 
 // d = det A,   A_bar += d_bar cof(A).

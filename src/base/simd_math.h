@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <utility>
 
 #include "base/simd.h"
 
@@ -97,7 +99,7 @@ struct Exponential<float> {
                                 0x1.6d1110p-10f};
   static constexpr float ln2_high = 0x1.62e4p-1f, ln2_low = 0x1.7f7d1cp-20f;
   static constexpr float rounder = 0x1.8p23f + 127;  // x + rounder ends with x, rounded, + bias
-  static constexpr float largest = 112;        // 112 e^-112 is 0
+  static constexpr float largest = 112;              // 112 e^-112 is 0
   static constexpr std::int32_t mantissa = 23, lift = 64;
   static constexpr float normal = 86;  // x e^-x is a normal number up to there
   static constexpr float unlift = 0x1p-64f;
@@ -117,6 +119,35 @@ struct Exponential<double> {
 };
 }  // namespace detail
 
+namespace detail {
+// Of the rows a and b of a matrix, `d` apart: its blocks of d x d, those off the diagonal
+// exchanged.
+template <class Real, int d, std::size_t... l>
+NMP_INLINE void exchange(Lanes<Real>& a, Lanes<Real>& b, std::index_sequence<l...>) {
+  constexpr int n = kLanes<Real>;
+  const Lanes<Real> low =
+      __builtin_shufflevector(a, b, (l & d ? n + static_cast<int>(l) - d : static_cast<int>(l))...);
+  b = __builtin_shufflevector(a, b, (l & d ? n + static_cast<int>(l) : static_cast<int>(l) + d)...);
+  a = low;
+}
+template <class Real, int d>
+NMP_INLINE void transpose_steps(Lanes<Real> (&rows)[kLanes<Real>]) {
+  if constexpr (d < kLanes<Real>) {
+    NMP_UNROLL
+    for (int i = 0; i < kLanes<Real>; ++i)
+      if (!(i & d))
+        exchange<Real, d>(rows[i], rows[i + d], std::make_index_sequence<kLanes<Real>>());
+    transpose_steps<Real, 2 * d>(rows);
+  }
+}
+}  // namespace detail
+
+/// rows[i][l] <-> rows[l][i].
+template <class Real>
+NMP_INLINE void transpose(Lanes<Real> (&rows)[kLanes<Real>]) {
+  detail::transpose_steps<Real, 1>(rows);
+}
+
 /// y = x sigma(x), sigma(x) = 1 / (1 + e^-x) and 1 - sigma(x), each to 4 ulp, also where they are
 /// no longer normal numbers. A NaN stays one.
 template <class Real>
@@ -127,7 +158,8 @@ struct Silu {
 };
 
 namespace detail {
-// e^t = p 2^k for t in [-largest, largest], p in [2^-1/2, 2^1/2]; the last bits of `rounded` hold k.
+// e^t = p 2^k for t in [-largest, largest], p in [2^-1/2, 2^1/2]; the last bits of `rounded` hold
+// k.
 template <class Real>
 struct Power {
   Lanes<Real> p, rounded;
@@ -177,8 +209,8 @@ template <class Real>
   t = t > largest ? largest : t;
   const Power<Real> power = exponential_parts<Real>(-t);
   // The exponent of 2^(k + lift), never below the normal ones.
-  const V scale = reinterpret_cast<V>(
-      (reinterpret_cast<LaneMask<Real>>(power.rounded) + E::lift) << E::mantissa);
+  const V scale = reinterpret_cast<V>((reinterpret_cast<LaneMask<Real>>(power.rounded) + E::lift)
+                                      << E::mantissa);
   const V large = Real(1) / (Real(1) + power.p * scale * tail), small = power.p * large;
   const LaneMask<Real> negative = a < Real(0);
   const V first = negative ? scale : one, second = negative ? tail : one;

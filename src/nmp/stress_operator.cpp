@@ -78,7 +78,7 @@ void compute_features(const fem::TetMesh<Real>& mesh, const ConstView<Real>& x, 
 template <class Real>
 void take_outputs(const Real* y, Index stride, StressBlock<Real>& b) {
   Block<Real, 9> outputs;
-  nn::store_rows(y, stride, kBlock, outputs[0], kBlock, 9);
+  nn::transpose_padded(y, stride, kBlock, 9, outputs[0], kBlock);
   for (Index l = 0; l < kBlock; ++l) {
     const Entries<Real> Y = entries(outputs, l);
     set_entries(b.S, l, combine(Real(0.5), Y, Real(0.5), transpose(Y)));
@@ -144,6 +144,7 @@ template <class Real>
 Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
                                 const typename nn::MlpTile<Real>::Net& net, Real scale,
                                 Real z_scale) {
+  using Scratch = typename nn::MlpTile<Real>::Scratch;
   auto& tape = x.tape();
   const Index n_tets = mesh.n_tets();
   NMP_CHECK(x.rows() == mesh.n_vertices() && x.cols() == 3,
@@ -159,10 +160,11 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
             text("a stress net goes from 13 to 9 numbers, this one from ", forward.n_in(), " to ",
                  forward.n_out()));
   MatrixMap<Real> corners = corner_memory<Real>(n_tets);
-  forward.for_each(n_tets, [&](Real* scratch, Index begin, Index count) {
+  forward.for_each(n_tets, [&](const Scratch& scratch, Index begin, Index count) {
     StressBlock<Real> b;
     compute_features<Real>(mesh, x_value, begin, count, reciprocal, b);
-    nn::load_rows(b.z[0], kBlock, kFeatures, kBlock, forward.input(scratch), forward.in_stride());
+    nn::transpose_padded(b.z[0], kBlock, kFeatures, kBlock, forward.input(scratch),
+                         forward.in_stride());
     take_outputs(forward.forward(scratch, kBlock), forward.out_stride(), b);
     Block<Real, 9> P;
     Block<Real, 1> minus_V;
@@ -180,10 +182,11 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
     const bool x_wanted = x.needs_grad();
     const auto value = x.value();
     MatrixMap<Real> bars = corner_memory<Real>(x_wanted ? n_tets : 0);
-    tile.for_each_adjoint(n_tets, [&](Real* scratch, Index begin, Index count, Real* weight_bars) {
+    const auto of_tile = [&](const Scratch& scratch, Index begin, Index count, Real* weight_bars) {
       StressBlock<Real> b;
       compute_features<Real>(mesh, value, begin, count, reciprocal, b);
-      nn::load_rows(b.z[0], kBlock, kFeatures, kBlock, tile.input(scratch), tile.in_stride());
+      nn::transpose_padded(b.z[0], kBlock, kFeatures, kBlock, tile.input(scratch),
+                           tile.in_stride());
       take_outputs(tile.forward(scratch, kBlock, true), tile.out_stride(), b);
 
       // f_int = -sum V P grad N:  P_bar = -V F(f_bar).
@@ -195,13 +198,12 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
         for (Index l = 0; l < kBlock; ++l) P_bar[k][l] *= -V[0][l];
       adjoint_of_product(P_bar, scale, b, outputs, K);
       Real* y_bar = tile.output_bar(scratch);
-      std::fill_n(y_bar, kBlock * tile.out_stride(), Real(0));
-      nn::load_rows(outputs[0], kBlock, 9, count, y_bar, tile.out_stride());
+      nn::transpose_padded(outputs[0], kBlock, 9, kBlock, y_bar, tile.out_stride());
 
       const Real* z_rows = tile.backward(scratch, count, weight_bars, x_wanted);
       if (!x_wanted) return;
-      Block<Real, kFeatures> z_bar = {};
-      nn::store_rows(z_rows, tile.in_stride(), count, z_bar[0], kBlock, kFeatures);
+      Block<Real, kFeatures> z_bar;
+      nn::transpose_padded(z_rows, tile.in_stride(), kBlock, kFeatures, z_bar[0], kBlock);
       for (int k = 0; k < kFeatures; ++k)
         for (Index l = 0; l < kBlock; ++l) z_bar[k][l] *= reciprocal;
       Block<Real, 9> F_bar;
@@ -209,7 +211,8 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
       adjoint_of_features(z_bar, K, count, b, F_bar);
       std::fill_n(one[0], kBlock, Real(1));
       fem::corners_of_block<Real>(mesh, F_bar, one, begin, count, bars);
-    });
+    };
+    tile.for_each_adjoint(n_tets, of_tile);
     if (x_wanted) fem::sum_corners<Real>(mesh, bars, x.bar());
   };
   return tape.record_span("neural_internal_force", inputs.at, inputs.n, f_int, adjoint);

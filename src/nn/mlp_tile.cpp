@@ -76,8 +76,7 @@ NMP_INLINE void activate(Real* y, Index stride, Real* slope, Index n_silu) {
       silu = silu_parts<Real>(x);
     store<Real>(y + r * stride, all ? silu.y : chosen ? silu.y : x);
     if constexpr (slopes)
-      store<Real>(slope + r * stride,
-                  all ? silu.slope : chosen ? silu.slope : all_lanes<Real>(1));
+      store<Real>(slope + r * stride, all ? silu.slope : chosen ? silu.slope : all_lanes<Real>(1));
   }
 }
 
@@ -199,10 +198,10 @@ MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers), 
   NMP_CHECK(net.n_layers >= 1 && net.layers[0].n_pieces >= 1, "a tile needs at least one layer");
   auto& tape = net.layers[0].pieces[0].W.tape();
   shapes_ = tape.template keep<Shape>(n_layers_);
-  Index at = 0, bars_at = 0;
-  const auto take = [&at](Index n) {
-    const Index begin = at;
-    at += n;
+  Index bars_at = 0;
+  const auto take = [](Index& size, Index n) {
+    const Index begin = size;
+    size += n;
     return begin;
   };
   const auto zeros = [&tape](Index n) {
@@ -259,45 +258,48 @@ MlpTile<Real>::MlpTile(const Net& net, bool adjoint) : n_layers_(net.n_layers), 
     s.W_bar_at = bars_at;
     s.b_bar_at = bars_at + s.out_stride * s.in_stride;
     bars_at = s.b_bar_at + (has_bias ? s.out_stride : 0);
-    s.x_at = i == 0 ? take(kRows * s.in_stride) : shapes_[i - 1].y_at;
-    s.y_at = take(kRows * s.out_stride);
-    s.slope_at = adjoint && layer.silu ? take(kRows * s.out_stride) : 0;
-    s.y_bar_at = adjoint ? take(kRows * s.out_stride) : 0;
+    const Index y_size = kRows * s.out_stride;
+    s.x_at = i == 0 ? take(values_size_, kRows * s.in_stride) : shapes_[i - 1].y_at;
+    s.y_at = take(values_size_, y_size);
+    s.slope_at = adjoint && layer.silu ? take(values_size_, y_size) : 0;
+    s.y_bar_at = adjoint ? take(adjoints_size_, y_size) : 0;
   }
-  x_bar_at_ = adjoint ? take(kRows * in_stride()) : 0;
-  scratch_size_ = at;
+  x_bar_at_ = adjoint ? take(adjoints_size_, kRows * in_stride()) : 0;
   bars_size_ = bars_at;
 }
 
 template <class Real>
-const Real* MlpTile<Real>::forward(Real* scratch, Index rows, bool slopes) const {
+const Real* MlpTile<Real>::forward(const Scratch& scratch, Index rows, bool slopes) const {
+  Real* values = scratch.values;
   NMP_CHECK(adjoint_ || !slopes, "a tile without an adjoint keeps no slopes");
   const Index few = (rows + kFewRows - 1) / kFewRows * kFewRows;
   std::fill(input(scratch) + rows * in_stride(), input(scratch) + few * in_stride(), Real(0));
   for (Index i = 0; i < n_layers_; ++i) {
     const Shape& s = shapes_[i];
-    Real* slope = slopes && s.n_silu > 0 ? scratch + s.slope_at : nullptr;
-    layer_product<Real>(scratch + s.x_at, s.in_stride, s.W_T, s.b, s.n_in, rows, scratch + s.y_at,
+    Real* slope = slopes && s.n_silu > 0 ? values + s.slope_at : nullptr;
+    layer_product<Real>(values + s.x_at, s.in_stride, s.W_T, s.b, s.n_in, rows, values + s.y_at,
                         s.out_stride, {s.n_silu, slope, nullptr});
   }
-  return scratch + last().y_at;
+  return values + last().y_at;
 }
 
 template <class Real>
-const Real* MlpTile<Real>::backward(Real* scratch, Index rows, Real* weight_bars,
+const Real* MlpTile<Real>::backward(const Scratch& scratch, Index rows, Real* weight_bars,
                                     bool input_wanted) const {
+  const Real* values = scratch.values;
+  Real* bars = scratch.bars;
   const Index padded_rows = (rows + kFewRows - 1) / kFewRows * kFewRows;
   std::fill(output_bar(scratch) + rows * out_stride(),
             output_bar(scratch) + padded_rows * out_stride(), Real(0));
   if (last().n_silu > 0) {
     Real* y_bar = output_bar(scratch);
-    const Real* slope = scratch + last().slope_at;
+    const Real* slope = values + last().slope_at;
     for (Index k = 0; k < rows * out_stride(); ++k) y_bar[k] *= slope[k];
   }
   for (Index i = n_layers_; i-- > 0;) {
     const Shape& s = shapes_[i];
-    const Real* x = scratch + s.x_at;
-    const Real* y_bar = scratch + s.y_bar_at;
+    const Real* x = values + s.x_at;
+    const Real* y_bar = bars + s.y_bar_at;
     if (weight_bars) {
       outer_product(y_bar, s.out_stride, s.n_out, x, s.in_stride, rows, weight_bars + s.W_bar_at);
       if (s.b) {
@@ -309,19 +311,20 @@ const Real* MlpTile<Real>::backward(Real* scratch, Index rows, Real* weight_bars
       }
     }
     if (i == 0 && !input_wanted) return nullptr;
-    Real* x_bar = scratch + (i == 0 ? x_bar_at_ : shapes_[i - 1].y_bar_at);
+    Real* x_bar = bars + (i == 0 ? x_bar_at_ : shapes_[i - 1].y_bar_at);
     const bool has_slope = i > 0 && shapes_[i - 1].n_silu > 0;
-    const Real* slope = has_slope ? scratch + shapes_[i - 1].slope_at : nullptr;
+    const Real* slope = has_slope ? values + shapes_[i - 1].slope_at : nullptr;
     layer_product<Real>(y_bar, s.out_stride, s.W, nullptr, s.n_out, rows, x_bar, s.in_stride,
                         {0, nullptr, slope});
   }
-  return scratch + x_bar_at_;
+  return bars + x_bar_at_;
 }
 
 template <class Real>
-Real* MlpTile<Real>::scratch() const {
+typename MlpTile<Real>::Scratch MlpTile<Real>::scratch_of(Index begin, Real* memory) const {
   thread_local Workspace<Real> workspace;
-  return workspace.get(static_cast<std::size_t>(scratch_size_));
+  Real* bars = workspace.get(static_cast<std::size_t>(adjoints_size_ + values_size_));
+  return {memory ? memory + begin / kRows * values_size_ : bars + adjoints_size_, bars};
 }
 
 template <class Real>
@@ -361,6 +364,23 @@ void MlpTile<Real>::add_sums(Real* sums, Index n_sets) const {
 }
 
 template <class Real>
+void transpose_padded(const Real* from, Index from_stride, Index rows, Index columns, Real* to,
+                      Index to_stride) {
+  constexpr Index kWidth = kLanes<Real>;
+  for (Index r = 0; r < rows; r += kWidth) {
+    for (Index k = 0; k < columns; k += kWidth) {
+      Lanes<Real> block[kWidth];
+      NMP_UNROLL
+      for (Index i = 0; i < kWidth; ++i)
+        block[i] = r + i < rows ? load(from + (r + i) * from_stride + k) : Lanes<Real>{};
+      transpose<Real>(block);
+      const Index n = std::min(kWidth, columns - k);
+      for (Index i = 0; i < n; ++i) store<Real>(to + (k + i) * to_stride + r, block[i]);
+    }
+  }
+}
+
+template <class Real>
 void load_rows(const Real* batch, Index stride, Index columns, Index rows, Real* tile,
                Index tile_stride) {
   for (Index k = 0; k < columns; ++k)
@@ -370,8 +390,10 @@ void load_rows(const Real* batch, Index stride, Index columns, Index rows, Real*
 template <class Real>
 void store_rows(const Real* tile, Index tile_stride, Index rows, Real* batch, Index stride,
                 Index columns) {
+  const Index whole = rows / kLanes<Real> * kLanes<Real>;
+  transpose_padded(tile, tile_stride, whole, columns, batch, stride);
   for (Index k = 0; k < columns; ++k)
-    for (Index r = 0; r < rows; ++r) batch[k * stride + r] = tile[r * tile_stride + k];
+    for (Index r = whole; r < rows; ++r) batch[k * stride + r] = tile[r * tile_stride + k];
 }
 
 template <class Real>
@@ -381,10 +403,11 @@ void add_rows(const Real* tile, Index tile_stride, Index rows, Real* batch, Inde
     for (Index r = 0; r < rows; ++r) batch[k * stride + r] += tile[r * tile_stride + k];
 }
 
-#define NMP_INSTANTIATE(Real)                                               \
-  template class MlpTile<Real>;                                             \
-  template void load_rows(const Real*, Index, Index, Index, Real*, Index);  \
-  template void store_rows(const Real*, Index, Index, Real*, Index, Index); \
+#define NMP_INSTANTIATE(Real)                                                     \
+  template class MlpTile<Real>;                                                   \
+  template void transpose_padded(const Real*, Index, Index, Index, Real*, Index); \
+  template void load_rows(const Real*, Index, Index, Index, Real*, Index);        \
+  template void store_rows(const Real*, Index, Index, Real*, Index, Index);       \
   template void add_rows(const Real*, Index, Index, Real*, Index, Index);
 
 NMP_INSTANTIATE(float)

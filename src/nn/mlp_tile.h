@@ -39,6 +39,11 @@ class MlpTile {
     Index n_layers = 0;
   };
 
+  /// What a tile works in: the values that backward() finds again, and the adjoints.
+  struct Scratch {
+    Real *values, *bars;
+  };
+
   /// Copies the weights into memory of their tape, laid out for the kernels.
   /// @param adjoint  true to be able to run backward()
   MlpTile(const Net& net, bool adjoint);
@@ -49,25 +54,26 @@ class MlpTile {
   Index out_stride() const { return last().out_stride; }
 
   /// In the memory that a thread works in, which for_each() hands out.
-  Real* input(Real* scratch) const { return scratch + shapes_[0].x_at; }
+  Real* input(const Scratch& scratch) const { return scratch.values + shapes_[0].x_at; }
 
   /// The outputs of `rows` rows. `slopes`: keeps what backward() needs.
-  const Real* forward(Real* scratch, Index rows, bool slopes = false) const;
+  const Real* forward(const Scratch& scratch, Index rows, bool slopes = false) const;
 
   /// Where the adjoints of the outputs belong before backward(), with zeros up to the stride.
-  Real* output_bar(Real* scratch) const { return scratch + last().y_bar_at; }
+  Real* output_bar(const Scratch& scratch) const { return scratch.bars + last().y_bar_at; }
   /// After forward(scratch, rows, true): adds the weights' adjoints to `weight_bars` unless that is
   /// null, and returns the adjoints of the inputs, if they are wanted, in rows of in_stride().
-  const Real* backward(Real* scratch, Index rows, Real* weight_bars, bool input_wanted) const;
+  const Real* backward(const Scratch& scratch, Index rows, Real* weight_bars,
+                       bool input_wanted) const;
 
-  /// Memory of a tape for all tiles of `n` rows, where a forward pass leaves what the backward pass
-  /// needs, for those who would rather keep it than run the tiles again.
+  /// Memory of a tape for the values of all tiles of `n` rows, where a forward pass leaves what the
+  /// backward pass needs, for those who would rather keep it than run the tiles again.
   Real* new_memory(ad::Tape<Real>& tape, Index n) const {
-    return tape.template keep<Real>((n + kRows - 1) / kRows * scratch_size_);
+    return tape.template keep<Real>((n + kRows - 1) / kRows * values_size_);
   }
 
   /// Calls body(scratch, begin, rows) for tiles that cover `n` rows, on several threads.
-  /// @param memory  of new_memory() for the tiles to work in, or null for memory of the threads
+  /// @param memory  of new_memory() for the tiles' values, or null for memory of the threads
   template <class Body>
   void for_each(Index n, const Body& body, Real* memory = nullptr) const {
     parallel_chunks(n, kRows, [&](Index begin, Index end) {
@@ -95,28 +101,32 @@ class MlpTile {
   struct Shape {
     Layer layer;
     Index n_in, n_out, in_stride, out_stride;
-    Index n_silu;                          // so many of the outputs go through SiLU
-    const Real* W_T;                       // n_in x out_stride: W(:, k) in row k
-    const Real* W;                         // n_out x in_stride: W(n, :) in row n
-    const Real* b;                         // out_stride, or null
-    Index W_bar_at, b_bar_at;              // in the sums: out_stride x in_stride, out_stride
-    Index x_at, y_at, slope_at, y_bar_at;  // in the scratch memory
+    Index n_silu;                // so many of the outputs go through SiLU
+    const Real* W_T;             // n_in x out_stride: W(:, k) in row k
+    const Real* W;               // n_out x in_stride: W(n, :) in row n
+    const Real* b;               // out_stride, or null
+    Index W_bar_at, b_bar_at;    // in the sums: out_stride x in_stride, out_stride
+    Index x_at, y_at, slope_at;  // in a tile's values
+    Index y_bar_at;              // in its adjoints
   };
   const Shape& last() const { return shapes_[n_layers_ - 1]; }
-  Real* scratch() const;
-  Real* scratch_of(Index begin, Real* memory) const {
-    return memory ? memory + begin / kRows * scratch_size_ : scratch();
-  }
+  Scratch scratch_of(Index begin, Real* memory) const;
   Real* new_sums(Index n_sets) const;
   void add_sums(Real* sums, Index n_sets) const;
 
   Shape* shapes_;  // in the arena of the layers' tape, as what they point to
-  Index n_layers_, scratch_size_ = 0, bars_size_ = 0, x_bar_at_ = 0;
+  Index n_layers_, values_size_ = 0, adjoints_size_ = 0, bars_size_ = 0, x_bar_at_ = 0;
   bool adjoint_, weights_wanted_ = false;
 };
 
+/// to(k, r) = from(r, k) for `rows` rows of `from`, each of `columns` numbers. Whole vectors are
+/// read and written: the memory of the rows of both must reach to multiples of kLanes.
+template <class Real>
+void transpose_padded(const Real* from, Index from_stride, Index rows, Index columns, Real* to,
+                      Index to_stride);
+
 /// Copies `rows` rows of a column-major batch, whose columns are `stride` apart, into the rows of a
-/// tile, or back, or adds them there.
+/// tile, or from a tile's first columns back, or adds some of a tile's columns there.
 template <class Real>
 void load_rows(const Real* batch, Index stride, Index columns, Index rows, Real* tile,
                Index tile_stride);

@@ -10,6 +10,13 @@ namespace nmp::nn {
 
 using ad::Var;
 
+namespace {
+
+template <class Real>
+using Scratch = typename MlpTile<Real>::Scratch;
+
+}  // namespace
+
 template <class Real>
 TileInputs<Real> with_weights(const typename MlpTile<Real>::Net& net, const Var<Real>* x,
                               std::size_t n_x) {
@@ -48,7 +55,7 @@ Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const Var<Real>* x, s
 
   MatrixMap<Real> y = tape.allocate(rows, tile.n_out());
   Real* memory = adjoint_wanted ? tile.new_memory(tape, rows) : nullptr;
-  const auto forward = [&](Real* scratch, Index begin, Index n) {
+  const auto forward = [&](const Scratch<Real>& scratch, Index begin, Index n) {
     Real* to = tile.input(scratch);
     for (std::size_t i = 0; i < n_x; ++i) {
       const auto value = x[i].value();
@@ -67,7 +74,8 @@ Var<Real> tile_mlp(const typename MlpTile<Real>::Net& net, const Var<Real>* x, s
       bars[i] = inputs.at[i].needs_grad() ? inputs.at[i].bar().data() : nullptr;
       wanted |= bars[i] != nullptr;
     }
-    const auto backward = [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
+    const auto backward = [&](const Scratch<Real>& scratch, Index begin, Index n,
+                              Real* weight_bars) {
       Real* bar = tile.output_bar(scratch);
       std::fill_n(bar, n * tile.out_stride(), Real(0));
       load_rows(y_bar.data() + begin, rows, tile.n_out(), n, bar, tile.out_stride());
@@ -113,7 +121,7 @@ void find_winners(const MlpTile<Real>& net, const ConstMatrixMap<Real>& x, Index
   thread_local Workspace<std::int32_t> where_memory;
   Real* best = best_memory.get(static_cast<std::size_t>(n_groups * tiles * n_out));
   std::int32_t* where = where_memory.get(static_cast<std::size_t>(n_groups * tiles * n_out));
-  net.for_each(n_groups * tiles * kRows, [&](Real* scratch, Index place, Index) {
+  net.for_each(n_groups * tiles * kRows, [&](const Scratch<Real>& scratch, Index place, Index) {
     const Index t = place / kRows, begin = t % tiles * kRows;
     const Index first = t / tiles * group + begin, n = std::min(kRows, group - begin);
     load_rows(x.data() + first, rows, x.cols(), n, net.input(scratch), net.in_stride());
@@ -173,25 +181,26 @@ Var<Real> tile_group_max(const typename MlpTile<Real>::Net& net, Var<Real> x, In
     const bool x_wanted = x.needs_grad();
     const auto value = x.value();
     MatrixMap<Real> x_bar = x_wanted ? x.bar() : MatrixMap<Real>(nullptr, 0, 0);
-    tile.for_each_adjoint(n_won, [&](Real* scratch, Index begin, Index n, Real* weight_bars) {
-      Real* in = tile.input(scratch);
-      for (Index r = 0; r < n; ++r)
-        for (Index k = 0; k < value.cols(); ++k)
-          in[r * tile.in_stride() + k] = value(won[begin + r], k);
-      tile.forward(scratch, n, true);
-      Real* bar = tile.output_bar(scratch);
-      std::fill_n(bar, n * tile.out_stride(), Real(0));
-      for (Index r = 0; r < n; ++r) {
-        const Index g = of_group[begin + r];
-        for (Index k = 0; k < n_out; ++k)
-          if (winners[g * n_out + k].row == won[begin + r])
-            bar[r * tile.out_stride() + k] = y_bar(g, k);
-      }
-      const Real* from = tile.backward(scratch, n, weight_bars, x_wanted);
-      for (Index r = 0; r < n && x_wanted; ++r)
-        for (Index k = 0; k < value.cols(); ++k)
-          x_bar(won[begin + r], k) += from[r * tile.in_stride() + k];
-    });
+    tile.for_each_adjoint(
+        n_won, [&](const Scratch<Real>& scratch, Index begin, Index n, Real* weight_bars) {
+          Real* in = tile.input(scratch);
+          for (Index r = 0; r < n; ++r)
+            for (Index k = 0; k < value.cols(); ++k)
+              in[r * tile.in_stride() + k] = value(won[begin + r], k);
+          tile.forward(scratch, n, true);
+          Real* bar = tile.output_bar(scratch);
+          std::fill_n(bar, n * tile.out_stride(), Real(0));
+          for (Index r = 0; r < n; ++r) {
+            const Index g = of_group[begin + r];
+            for (Index k = 0; k < n_out; ++k)
+              if (winners[g * n_out + k].row == won[begin + r])
+                bar[r * tile.out_stride() + k] = y_bar(g, k);
+          }
+          const Real* from = tile.backward(scratch, n, weight_bars, x_wanted);
+          for (Index r = 0; r < n && x_wanted; ++r)
+            for (Index k = 0; k < value.cols(); ++k)
+              x_bar(won[begin + r], k) += from[r * tile.in_stride() + k];
+        });
   };
   const TileInputs<Real> inputs = with_weights<Real>(net, &x, 1);
   return tape.record_span("tile_group_max", inputs.at, inputs.n, y, adjoint);
