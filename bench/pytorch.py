@@ -35,8 +35,14 @@ def use_whole_processor():
         os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx512")
 
 
-if "--as-installed" not in sys.argv[1:]:
+early = argparse.ArgumentParser(add_help=False)
+early.add_argument("--threads", type=int, default=1, help="of both (default: 1)")
+early.add_argument("--as-installed", action="store_true", help="leave PyTorch's AVX-512 off")
+early_options = early.parse_known_args()[0]
+if not early_options.as_installed:
     use_whole_processor()
+# OpenBLAS has threads of its own, of which torch.set_num_threads() knows nothing.
+os.environ["OPENBLAS_NUM_THREADS"] = str(early_options.threads)
 try:
     import torch
     import torch.nn.functional as nnf
@@ -583,14 +589,14 @@ def loaded_blas():
     return sorted({os.path.basename(os.path.realpath(path)) for path in paths})
 
 
-def openblas_core():
-    """Which kernels OpenBLAS has chosen."""
+def openblas(function, result):
+    """What OpenBLAS says of itself."""
     try:
-        name = ctypes.CDLL("libopenblas.so.0").openblas_get_corename
+        call = getattr(ctypes.CDLL("libopenblas.so.0"), function)
     except (OSError, AttributeError):
-        return "?"
-    name.restype = ctypes.c_char_p
-    return name().decode()
+        return None
+    call.restype = result
+    return call()
 
 
 def facts(options, document):
@@ -600,7 +606,8 @@ def facts(options, document):
         "torch": torch.__version__,
         "cpu_capability": config.get("CPU capability usage", "?"),
         "blas": loaded_blas(),
-        "openblas_core": openblas_core(),
+        "openblas_core": (openblas("openblas_get_corename", ctypes.c_char_p) or b"?").decode(),
+        "openblas_threads": openblas("openblas_get_num_threads", ctypes.c_int),
         "onednn": next((line for line in shown if "MKL-DNN" in line), "none"),
         "torch_threads": torch.get_num_threads(),
         "nmp_threads": document["threads"],
@@ -638,15 +645,11 @@ def quartiles(samples):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0], parents=[early])
     parser.add_argument("--nmp", required=True, help="the program nmp, built for this machine")
-    parser.add_argument("--threads", type=int, default=1, help="of both (default: 1)")
     parser.add_argument("--rounds", type=int, default=15, help="of turns (default: 15)")
     parser.add_argument("--repetitions", type=int, default=3, help="in a round (default: 3)")
     parser.add_argument("--meshes", default=os.environ.get("NMP_MESHES"), help="folder of bob.msh")
-    parser.add_argument(
-        "--as-installed", action="store_true", help="leave PyTorch's AVX-512 off"
-    )
     parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)

@@ -27,8 +27,8 @@ inline Index n_blocks(Index n) { return (n + kBlock - 1) / kBlock; }
 template <class Real, int columns>
 struct Block {
   alignas(64) Real at[columns][kBlock];
-  Real* operator[](int column) { return at[column]; }
-  const Real* operator[](int column) const { return at[column]; }
+  NMP_INLINE Real (&operator[](int column))[kBlock] { return at[column]; }
+  NMP_INLINE const Real (&operator[](int column) const)[kBlock] { return at[column]; }
 };
 
 /// Rows begin, ..., begin + count - 1 of columns first, first + 1, ...; further lanes repeat the
