@@ -180,14 +180,18 @@ struct JacobiLanes {
   template <int p, int q>
   NMP_INLINE void rotate() {
     const L a = dot<Real>(B[p], B[p]), b = dot<Real>(B[q], B[q]), g = dot<Real>(B[p], B[q]);
-    const L d = a - b, root = square_root<Real>(d * d + Real(4) * g * g);
-    const LaneMask<Real> active =
-        running & (g * g > kOrthogonal<Real> * kOrthogonal<Real> * (a * b)) & (root > Real(0));
-    const L twice = g + g;
-    const L t = (d < Real(0) ? -twice : twice) / (absolute<Real>(d) + root);
-    const L w = square_root<Real>(Real(1) + t * t), u = t / (w * (Real(1) + w));
-    // Both: where columns tie exactly, t is 0 / 0.
-    const L s = active ? u * (Real(1) + w) : L{}, h = active ? u * w : L{};
+    const L d = a - b, twice = g + g, squared_root = d * d + twice * twice;
+    const LaneMask<Real> active = running &
+                                  (g * g > kOrthogonal<Real> * kOrthogonal<Real> * (a * b)) &
+                                  (squared_root > Real(0));
+    // An angle with 12 bits leaves 1/4000 of the cosine, and the next sweep finds that. The
+    // rotation is one to the last bit all the same: s is made of h.
+    const L root = squared_root * rough_reciprocal_root<Real>(squared_root);
+    const L t = (d < Real(0) ? -twice : twice) * rough_reciprocal<Real>(absolute<Real>(d) + root);
+    const L w2 = Real(1) + t * t, w = w2 * rough_reciprocal_root<Real>(w2);
+    // Where columns tie exactly, t is not a number.
+    const L h = active ? t * rough_reciprocal<Real>(Real(1) + w) : L{};
+    const L s = (h + h) * reciprocal<Real>(Real(1) + h * h);
     again |= active & ((t * t > kLittle2<Real>) | (g * g > kLittle2<Real> * (a * b)));
     for (Columns<Real>* M : {&B, &V}) {
       NMP_UNROLL

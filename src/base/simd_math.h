@@ -7,7 +7,7 @@
 
 #include "base/simd.h"
 
-#if defined(__AVX512DQ__)
+#if defined(__AVX__)
 #include <immintrin.h>
 #endif
 
@@ -64,13 +64,34 @@ NMP_INLINE Lanes<Real> absolute(Lanes<Real> x) {
   return x;
 }
 
+/// 1 / x and 1 / sqrt(x) with 11 correct bits at least: fast where the processor has them, to the
+/// last bit elsewhere.
+template <class Real>
+NMP_INLINE Lanes<Real> rough_reciprocal(Lanes<Real> x) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(Real) == 4) return (Lanes<Real>)_mm512_rcp14_ps((__m512)x);
+#elif defined(__AVX__)
+  if constexpr (sizeof(Real) == 4) return (Lanes<Real>)_mm256_rcp_ps((__m256)x);
+#endif
+  return Real(1) / x;
+}
+template <class Real>
+NMP_INLINE Lanes<Real> rough_reciprocal_root(Lanes<Real> x) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(Real) == 4) return (Lanes<Real>)_mm512_rsqrt14_ps((__m512)x);
+#elif defined(__AVX__)
+  if constexpr (sizeof(Real) == 4) return (Lanes<Real>)_mm256_rsqrt_ps((__m256)x);
+#endif
+  return Real(1) / square_root<Real>(x);
+}
+
 /// 1 / x to 1 ulp, for normal numbers of which that is one too.
 template <class Real>
 NMP_INLINE Lanes<Real> reciprocal(Lanes<Real> x) {
 #if defined(__AVX512F__)
   if constexpr (sizeof(Real) == 4) {
-    // 14 bits, and a Newton step to the rest: faster than a division where many are needed.
-    const Lanes<Real> y = (Lanes<Real>)_mm512_rcp14_ps((__m512)x);
+    // A Newton step: faster than a division where many are needed.
+    const Lanes<Real> y = rough_reciprocal<Real>(x);
     return y + y * (Real(1) - x * y);
   }
 #endif

@@ -6,6 +6,8 @@
 #include <cstring>
 #include <limits>
 
+#include "base/random.h"
+
 using namespace nmp;
 
 namespace {
@@ -100,5 +102,56 @@ TEST_SUITE("base/simd_math") {
     const auto lanes = load(x);
     CHECK(any<Real>(lanes > Real(kLanes<Real>) - Real(3)));
     CHECK_FALSE(any<Real>(lanes > Real(kLanes<Real>)));
+  }
+
+  TEST_CASE_TEMPLATE("reciprocals: 1 ulp, and rough ones 11 bits", Real, float, double) {
+    const Random random(4);
+    for (std::uint64_t n = 0; n < 2000; ++n) {
+      Real x[kLanes<Real>];
+      for (int l = 0; l < kLanes<Real>; ++l)
+        x[l] = std::exp(
+            static_cast<Real>(random.uniform(n * 64 + static_cast<std::uint64_t>(l), -80, 80)));
+      for_lanes(
+          x, [](auto a) { return reciprocal<Real>(a); },
+          [](Real a, Real y) {
+            const auto exact = 1 / static_cast<long double>(a);
+            const auto ulp = std::numeric_limits<Real>::epsilon() * exact;
+            CHECK(std::abs(static_cast<long double>(y) - exact) <= ulp);
+          });
+      for_lanes(
+          x, [](auto a) { return rough_reciprocal<Real>(a); },
+          [](Real a, Real y) { CHECK(std::abs(y * a - 1) <= std::ldexp(Real(1), -11)); });
+      for_lanes(
+          x, [](auto a) { return rough_reciprocal_root<Real>(a); },
+          [](Real a, Real y) {
+            CHECK(std::abs(y * std::sqrt(a) - 1) <= std::ldexp(Real(1), -11));
+          });
+    }
+  }
+
+  TEST_CASE_TEMPLATE("the largest magnitude tells which lanes are near", Real, float, double) {
+    constexpr auto limit = static_cast<Real>(detail::Exponential<Real>::normal);
+    const auto near = [](Real x) {
+      Lanes<Real> lanes = {};
+      lanes[kLanes<Real> - 1] = x;
+      const auto first = larger_magnitude<Real>(LaneMask<Real>{}, lanes);
+      return is_near<Real>(larger_magnitude<Real>(first, all_lanes<Real>(Real(-0.5))));
+    };
+    CHECK(near(limit));
+    CHECK(near(-limit));
+    CHECK_FALSE(near(std::nextafter(limit, 2 * limit)));
+    CHECK_FALSE(near(std::nextafter(-limit, -2 * limit)));
+    CHECK_FALSE(near(-std::numeric_limits<Real>::quiet_NaN()));
+    CHECK_FALSE(near(std::numeric_limits<Real>::infinity()));
+  }
+
+  TEST_CASE_TEMPLATE("a square of lanes is transposed", Real, float, double) {
+    constexpr int n = kLanes<Real>;
+    Lanes<Real> rows[n];
+    for (int i = 0; i < n; ++i)
+      for (int l = 0; l < n; ++l) rows[i][l] = static_cast<Real>(100 * i + l);
+    transpose<Real>(rows);
+    for (int i = 0; i < n; ++i)
+      for (int l = 0; l < n; ++l) CHECK(rows[i][l] == static_cast<Real>(100 * l + i));
   }
 }
