@@ -35,10 +35,12 @@ struct Simd;
 template <>
 struct Simd<float> {
   using Vector = float __attribute__((vector_size(kSimdBytes)));
+  using Four = float __attribute__((vector_size(16)));
 };
 template <>
 struct Simd<double> {
   using Vector = double __attribute__((vector_size(kSimdBytes)));
+  using Four = double __attribute__((vector_size(32)));
 };
 
 /// True for the types that have vectors.

@@ -169,6 +169,25 @@ NMP_INLINE void transpose(Lanes<Real> (&rows)[kLanes<Real>]) {
   detail::transpose_steps<Real, 1>(rows);
 }
 
+/// to(k, r) = from(r, k) for `rows` rows of `from`, each of `columns` numbers. Whole vectors are
+/// read and written: the memory of the rows of both must reach to multiples of kLanes.
+template <class Real, class Index>
+void transpose_padded(const Real* from, Index from_stride, Index rows, Index columns, Real* to,
+                      Index to_stride) {
+  constexpr Index kWidth = kLanes<Real>;
+  for (Index r = 0; r < rows; r += kWidth) {
+    for (Index k = 0; k < columns; k += kWidth) {
+      Lanes<Real> block[kWidth];
+      NMP_UNROLL
+      for (Index i = 0; i < kWidth; ++i)
+        block[i] = r + i < rows ? load(from + (r + i) * from_stride + k) : Lanes<Real>{};
+      transpose<Real>(block);
+      const Index n = columns - k < kWidth ? columns - k : kWidth;
+      for (Index i = 0; i < n; ++i) store<Real>(to + (k + i) * to_stride + r, block[i]);
+    }
+  }
+}
+
 /// y = x sigma(x), sigma(x) = 1 / (1 + e^-x) and 1 - sigma(x), each to 4 ulp, also where they are
 /// no longer normal numbers. A NaN stays one.
 template <class Real>

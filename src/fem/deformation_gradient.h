@@ -1,6 +1,7 @@
 #pragma once
 
 #include "autodiff/tape.h"
+#include "base/simd.h"
 #include "fem/block.h"
 #include "fem/tet_mesh.h"
 
@@ -30,7 +31,7 @@ void add_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& x, const Mat
 /// summed in ascending order of corners: the adjoint of deformation_gradient for s_e = 1, and
 /// -f_int for s_e = V_e, A_e = P_e.
 /// @param scale    s: #T x 1, or nullptr for 1
-/// @param corners  #T x 12 workspace
+/// @param corners  16 x #T workspace
 template <class Real>
 void add_transposed_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& A,
                              const Matrix<Real>* scale, Real sign, View<Real> corners,
@@ -38,15 +39,21 @@ void add_transposed_gradient(const TetMesh<Real>& mesh, const ConstView<Real>& A
 
 // -- the pieces, for operators that do more with a block of elements while they have it
 
-/// F of elements begin, ..., begin + count - 1; further lanes are finite.
+/// The rows of x (#V x 3) one after another, each followed by a 0: a vertex is then one vector.
+/// @return  #V x 4 in `memory`, row-major, valid until that is used again
 template <class Real>
-void gradient_of_block(const TetMesh<Real>& mesh, const ConstView<Real>& x, Index begin,
-                       Index count, Block<Real, 9>& F);
-/// s_e A_e grad N_a for every corner a of those elements, into rows begin, ... of `corners`.
+const Real* padded_rows(const ConstView<Real>& x, Workspace<Real>& memory);
+/// F of elements begin, ..., begin + count - 1; further lanes repeat the last one.
+/// @param x_rows  of padded_rows()
+template <class Real>
+void gradient_of_block(const TetMesh<Real>& mesh, const Real* x_rows, Index begin, Index count,
+                       Block<Real, 9>& F);
+/// (s_e A_e grad N_a, 0) for the corners a = 0, ..., 3 of those elements, into column e of
+/// `corners`.
 template <class Real>
 void corners_of_block(const TetMesh<Real>& mesh, const Block<Real, 9>& A, const Block<Real, 1>& s,
                       Index begin, Index count, View<Real> corners);
-/// y_i += sum of the corners (#T x 12) around vertex i, in ascending order.
+/// y_i += sum of the corners (16 x #T) around vertex i, in ascending order.
 template <class Real>
 void sum_corners(const TetMesh<Real>& mesh, const ConstView<Real>& corners, View<Real> y);
 

@@ -18,7 +18,7 @@ template <class Real>
 Var<Real> internal_force(const TetMesh<Real>& mesh, Var<Real> P) {
   auto& tape = P.tape();
   MatrixMap<Real> f_int = tape.allocate(mesh.n_vertices(), 3);
-  internal_force<Real>(mesh, P.value(), tape.allocate(mesh.n_tets(), 12), f_int);
+  internal_force<Real>(mesh, P.value(), tape.allocate(16, mesh.n_tets()), f_int);
   return tape.record("internal_force", {P}, f_int, [mesh, P](const ConstMatrixMap<Real>& f_bar) {
     add_gradient<Real>(mesh, f_bar, &mesh.volumes(), Real(-1), P.bar());
   });

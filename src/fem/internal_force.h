@@ -16,7 +16,7 @@ using ad::Var;
 template <class Real>
 Var<Real> internal_force(const TetMesh<Real>& mesh, Var<Real> P);
 
-/// The plain function. @param corners  #T x 12 workspace
+/// The plain function. @param corners  16 x #T workspace
 template <class Real>
 void internal_force(const TetMesh<Real>& mesh, const ConstView<Real>& P, View<Real> corners,
                     View<Real> f_int);

@@ -28,7 +28,7 @@ Simulator<Real>::Simulator(const TetMesh<Real>& mesh, const Physics& physics, Re
   lambda_ = Real(constants.lambda);
   F_.resize(mesh.n_tets(), 9);
   P_.resize(mesh.n_tets(), 9);
-  corners_.resize(mesh.n_tets(), 12);
+  corners_.resize(16, mesh.n_tets());
   f_int_.resize(mesh.n_vertices(), 3);
   dv_.resize(mesh.n_vertices(), 3);
 }

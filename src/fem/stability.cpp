@@ -23,7 +23,7 @@ double stable_time_step(const TetMesh<double>& mesh, const Material& material,
 
   const Matrix<double> mass = material.density * mesh.vertex_volumes();
   Matrix<double> u(n, 3), Mu(n, 3), minus_Ku(n, 3), H(mesh.n_tets(), 9), P(mesh.n_tets(), 9),
-      corners(mesh.n_tets(), 12);
+      corners(16, mesh.n_tets());
   const Random random = Random(1).split("stable_time_step");
   for (Index i = 0; i < u.size(); ++i) u.data()[i] = random.normal(static_cast<std::uint64_t>(i));
 

@@ -8,7 +8,7 @@
 #include "autodiff/singular_values.h"
 #include "autodiff/svd3.h"
 #include "base/check.h"
-#include "base/simd.h"
+#include "base/simd_math.h"
 #include "fem/deformation_gradient.h"
 #include "nn/tile_operators.h"
 
@@ -24,11 +24,11 @@ using fem::kBlock;
 static_assert(nn::MlpTile<float>::kRows == kBlock, "a tile of the net is a block of elements");
 constexpr int kFeatures = 13;
 
-// #T x 12 for the time of a call: not in a tape's arena, which would keep it.
+// 16 x #T for the time of a call: not in a tape's arena, which would keep it.
 template <class Real>
 MatrixMap<Real> corner_memory(Index n_tets) {
   thread_local Workspace<Real> workspace;
-  return {workspace.get(static_cast<std::size_t>(12 * n_tets)), n_tets, 12};
+  return {workspace.get(static_cast<std::size_t>(16 * n_tets)), 16, n_tets};
 }
 
 // All the quantities of a block of elements that its stress is made of.
@@ -42,9 +42,9 @@ struct StressBlock {
 
 // F, its factors, R = U V^T and the features, each computed from H = F - I (StressNet::features).
 template <class Real>
-void compute_features(const fem::TetMesh<Real>& mesh, const ConstView<Real>& x, Index begin,
-                      Index count, Real reciprocal_scale, StressBlock<Real>& b) {
-  fem::gradient_of_block(mesh, x, begin, count, b.F);
+void compute_features(const fem::TetMesh<Real>& mesh, const Real* x_rows, Index begin, Index count,
+                      Real reciprocal_scale, StressBlock<Real>& b) {
+  fem::gradient_of_block(mesh, x_rows, begin, count, b.F);
   ad::svd_rotation_variant<Real>({b.F[0], kBlock}, kBlock, {b.U[0], kBlock}, {b.sigma[0], kBlock},
                                  {b.V[0], kBlock});
   for (Index l = 0; l < kBlock; ++l) {
@@ -78,7 +78,7 @@ void compute_features(const fem::TetMesh<Real>& mesh, const ConstView<Real>& x, 
 template <class Real>
 void take_outputs(const Real* y, Index stride, StressBlock<Real>& b) {
   Block<Real, 9> outputs;
-  nn::transpose_padded(y, stride, kBlock, 9, outputs[0], kBlock);
+  transpose_padded<Real, Index>(y, stride, kBlock, 9, outputs[0], kBlock);
   for (Index l = 0; l < kBlock; ++l) {
     const Entries<Real> Y = entries(outputs, l);
     set_entries(b.S, l, combine(Real(0.5), Y, Real(0.5), transpose(Y)));
@@ -150,7 +150,8 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   NMP_CHECK(x.rows() == mesh.n_vertices() && x.cols() == 3,
             text("x must be ", mesh.n_vertices(), " x 3, got ", shape(x.value())));
   const Real reciprocal = Real(1) / z_scale;
-  const auto x_value = x.value();
+  thread_local Workspace<Real> x_memory, f_bar_memory;
+  const Real* x_rows = fem::padded_rows<Real>(x.value(), x_memory);
 
   const nn::TileInputs<Real> inputs = nn::with_weights<Real>(net, &x, 1);
   bool adjoint_wanted = false;
@@ -162,9 +163,9 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   MatrixMap<Real> corners = corner_memory<Real>(n_tets);
   forward.for_each(n_tets, [&](const Scratch& scratch, Index begin, Index count) {
     StressBlock<Real> b;
-    compute_features<Real>(mesh, x_value, begin, count, reciprocal, b);
-    nn::transpose_padded(b.z[0], kBlock, kFeatures, kBlock, forward.input(scratch),
-                         forward.in_stride());
+    compute_features<Real>(mesh, x_rows, begin, count, reciprocal, b);
+    transpose_padded<Real, Index>(b.z[0], kBlock, kFeatures, kBlock, forward.input(scratch),
+                                  forward.in_stride());
     take_outputs(forward.forward(scratch, kBlock), forward.out_stride(), b);
     Block<Real, 9> P;
     Block<Real, 1> minus_V;
@@ -180,30 +181,31 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   const auto adjoint = [mesh, x, tile = forward, scale, reciprocal,
                         n_tets](const ConstMatrixMap<Real>& f_bar) {
     const bool x_wanted = x.needs_grad();
-    const auto value = x.value();
+    const Real* rows_again = fem::padded_rows<Real>(x.value(), x_memory);
+    const Real* f_bar_rows = fem::padded_rows<Real>(f_bar, f_bar_memory);
     MatrixMap<Real> bars = corner_memory<Real>(x_wanted ? n_tets : 0);
     const auto of_tile = [&](const Scratch& scratch, Index begin, Index count, Real* weight_bars) {
       StressBlock<Real> b;
-      compute_features<Real>(mesh, value, begin, count, reciprocal, b);
-      nn::transpose_padded(b.z[0], kBlock, kFeatures, kBlock, tile.input(scratch),
-                           tile.in_stride());
+      compute_features<Real>(mesh, rows_again, begin, count, reciprocal, b);
+      transpose_padded<Real, Index>(b.z[0], kBlock, kFeatures, kBlock, tile.input(scratch),
+                                    tile.in_stride());
       take_outputs(tile.forward(scratch, kBlock, true), tile.out_stride(), b);
 
       // f_int = -sum V P grad N:  P_bar = -V F(f_bar).
       Block<Real, 9> P_bar, outputs, K;
       Block<Real, 1> V;
-      fem::gradient_of_block<Real>(mesh, f_bar, begin, count, P_bar);
+      fem::gradient_of_block<Real>(mesh, f_bar_rows, begin, count, P_bar);
       load(mesh.volumes(), 0, begin, count, V);
       for (int k = 0; k < 9; ++k)
         for (Index l = 0; l < kBlock; ++l) P_bar[k][l] *= -V[0][l];
       adjoint_of_product(P_bar, scale, b, outputs, K);
       Real* y_bar = tile.output_bar(scratch);
-      nn::transpose_padded(outputs[0], kBlock, 9, kBlock, y_bar, tile.out_stride());
+      transpose_padded<Real, Index>(outputs[0], kBlock, 9, kBlock, y_bar, tile.out_stride());
 
       const Real* z_rows = tile.backward(scratch, count, weight_bars, x_wanted);
       if (!x_wanted) return;
       Block<Real, kFeatures> z_bar;
-      nn::transpose_padded(z_rows, tile.in_stride(), kBlock, kFeatures, z_bar[0], kBlock);
+      transpose_padded<Real, Index>(z_rows, tile.in_stride(), kBlock, kFeatures, z_bar[0], kBlock);
       for (int k = 0; k < kFeatures; ++k)
         for (Index l = 0; l < kBlock; ++l) z_bar[k][l] *= reciprocal;
       Block<Real, 9> F_bar;

@@ -364,23 +364,6 @@ void MlpTile<Real>::add_sums(Real* sums, Index n_sets) const {
 }
 
 template <class Real>
-void transpose_padded(const Real* from, Index from_stride, Index rows, Index columns, Real* to,
-                      Index to_stride) {
-  constexpr Index kWidth = kLanes<Real>;
-  for (Index r = 0; r < rows; r += kWidth) {
-    for (Index k = 0; k < columns; k += kWidth) {
-      Lanes<Real> block[kWidth];
-      NMP_UNROLL
-      for (Index i = 0; i < kWidth; ++i)
-        block[i] = r + i < rows ? load(from + (r + i) * from_stride + k) : Lanes<Real>{};
-      transpose<Real>(block);
-      const Index n = std::min(kWidth, columns - k);
-      for (Index i = 0; i < n; ++i) store<Real>(to + (k + i) * to_stride + r, block[i]);
-    }
-  }
-}
-
-template <class Real>
 void load_rows(const Real* batch, Index stride, Index columns, Index rows, Real* tile,
                Index tile_stride) {
   for (Index k = 0; k < columns; ++k)
@@ -403,11 +386,10 @@ void add_rows(const Real* tile, Index tile_stride, Index rows, Real* batch, Inde
     for (Index r = 0; r < rows; ++r) batch[k * stride + r] += tile[r * tile_stride + k];
 }
 
-#define NMP_INSTANTIATE(Real)                                                     \
-  template class MlpTile<Real>;                                                   \
-  template void transpose_padded(const Real*, Index, Index, Index, Real*, Index); \
-  template void load_rows(const Real*, Index, Index, Index, Real*, Index);        \
-  template void store_rows(const Real*, Index, Index, Real*, Index, Index);       \
+#define NMP_INSTANTIATE(Real)                                               \
+  template class MlpTile<Real>;                                             \
+  template void load_rows(const Real*, Index, Index, Index, Real*, Index);  \
+  template void store_rows(const Real*, Index, Index, Real*, Index, Index); \
   template void add_rows(const Real*, Index, Index, Real*, Index, Index);
 
 NMP_INSTANTIATE(float)

@@ -119,12 +119,6 @@ class MlpTile {
   bool adjoint_, weights_wanted_ = false;
 };
 
-/// to(k, r) = from(r, k) for `rows` rows of `from`, each of `columns` numbers. Whole vectors are
-/// read and written: the memory of the rows of both must reach to multiples of kLanes.
-template <class Real>
-void transpose_padded(const Real* from, Index from_stride, Index rows, Index columns, Real* to,
-                      Index to_stride);
-
 /// Copies `rows` rows of a column-major batch, whose columns are `stride` apart, into the rows of a
 /// tile, or from a tile's first columns back, or adds some of a tile's columns there.
 template <class Real>

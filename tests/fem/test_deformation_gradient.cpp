@@ -16,7 +16,7 @@ Matrix<double> gradient(const TetMesh<double>& mesh, const Matrix<double>& x) {
 }
 
 Matrix<double> force(const TetMesh<double>& mesh, const Matrix<double>& P) {
-  Matrix<double> corners(mesh.n_tets(), 12), f(mesh.n_vertices(), 3);
+  Matrix<double> corners(16, mesh.n_tets()), f(mesh.n_vertices(), 3);
   internal_force<double>(mesh, P, corners, f);
   return f;
 }
