@@ -63,10 +63,10 @@ struct Finish {
 };
 
 // y <- silu(y) for R vectors, `stride` apart, in their first n_silu columns. near: see is_near().
-template <class Real, int R, bool near, bool slopes>
+template <class Real, int R, bool near, bool slopes, bool whole>
 NMP_INLINE void activate(Real* y, Index stride, Real* slope, Index n_silu) {
   const LaneMask<Real> chosen = lane_numbers<Real>() < static_cast<LaneElement<Real>>(n_silu);
-  const bool all = n_silu >= kLanes<Real>;
+  const auto choose = [&](Lanes<Real> a, Lanes<Real> b) { return whole ? a : chosen ? a : b; };
   for (int r = 0; r < R; ++r) {
     const Lanes<Real> x = load(y + r * stride);
     Silu<Real> silu;
@@ -74,9 +74,26 @@ NMP_INLINE void activate(Real* y, Index stride, Real* slope, Index n_silu) {
       silu = silu_near<Real>(x);
     else
       silu = silu_parts<Real>(x);
-    store<Real>(y + r * stride, all ? silu.y : chosen ? silu.y : x);
-    if constexpr (slopes)
-      store<Real>(slope + r * stride, all ? silu.slope : chosen ? silu.slope : all_lanes<Real>(1));
+    store<Real>(y + r * stride, choose(silu.y, x));
+    if constexpr (slopes) store<Real>(slope + r * stride, choose(silu.slope, all_lanes<Real>(1)));
+  }
+}
+
+// The same for any of those cases; nothing where n_silu <= 0, but for the slope.
+template <class Real, int R>
+NMP_INLINE void activate_any(bool near, Real* y, Index stride, Real* slope, Index n_silu) {
+  const auto with = [&](auto is_near, auto slopes) {
+    if (n_silu >= kLanes<Real>)
+      activate<Real, R, is_near, slopes, true>(y, stride, slope, n_silu);
+    else
+      activate<Real, R, is_near, slopes, false>(y, stride, slope, n_silu);
+  };
+  if (n_silu <= 0) {
+    for (int r = 0; slope && r < R; ++r) store<Real>(slope + r * stride, all_lanes<Real>(1));
+  } else if (__builtin_expect(near, 1)) {
+    slope ? with(std::true_type(), std::true_type()) : with(std::true_type(), std::false_type());
+  } else {
+    slope ? with(std::false_type(), std::true_type()) : with(std::false_type(), std::false_type());
   }
 }
 
@@ -98,24 +115,10 @@ void block_product(const Real* x, Index x_stride, const Real* W_T, const Real* b
     store<Real>(y + r * y_stride + n, sum);
   };
   product<Real, R, N>(x, x_stride, 1, W_T, y_stride, K, b, put);
-  const auto finish_column = [&](auto near, Index n) {
-    Real* slope = finish.slope ? finish.slope + n : nullptr;
-    if (finish.n_silu > n) {
-      if (slope)
-        activate<Real, R, near, true>(y + n, y_stride, slope, finish.n_silu - n);
-      else
-        activate<Real, R, near, false>(y + n, y_stride, slope, finish.n_silu - n);
-    } else if (slope) {
-      for (int r = 0; r < R; ++r) store<Real>(slope + r * y_stride, all_lanes<Real>(1));
-    }
-  };
   const bool near = is_near<Real>(largest);
-  for (Index n = 0; n < N * kWidth; n += kWidth) {
-    if (__builtin_expect(near, 1))
-      finish_column(std::true_type(), n);
-    else
-      finish_column(std::false_type(), n);
-  }
+  for (Index n = 0; n < N * kWidth; n += kWidth)
+    activate_any<Real, R>(near, y + n, y_stride, finish.slope ? finish.slope + n : nullptr,
+                          finish.n_silu - n);
 }
 
 // out[n] += sum_r a[r][n] x[r], for R columns n of a and N vectors of columns of x.
