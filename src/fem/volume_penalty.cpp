@@ -43,32 +43,34 @@ Var<Real> volume_penalty(const TetMesh<Real>& mesh, Var<Real> x, Real epsilon) {
   auto& tape = x.tape();
   const Index n_tets = mesh.n_tets();
   thread_local Workspace<Real> memory;
-  const Real* x_rows = padded_rows<Real>(x.value(), memory);
-  MatrixMap<Real> sums = tape.allocate(n_blocks(n_tets), 1);
-  for_each_block(n_tets, [&](Index begin, Index count) {
-    Block<Real, 9> F;
-    Block<Real, 1> excess;
-    gradient_of_block<Real>(mesh, x_rows, begin, count, F);
-    excess_of_block(F, count, epsilon, excess);
-    for (Index l = 0; l < kBlock; ++l) excess[0][l] *= excess[0][l];
-    sums(begin / kBlock, 0) = sum_in_order(excess[0], kBlock);
+  const Index n = n_blocks(n_tets);
+  const Real* sums = tape.template remember<Real>(n, [&](Real* out) {
+    const Real* x_rows = padded_rows<Real>(x.value(), memory);
+    for_each_block(n_tets, [&](Index begin, Index count) {
+      Block<Real, 9> F;
+      Block<Real, 1> excess;
+      gradient_of_block<Real>(mesh, x_rows, begin, count, F);
+      excess_of_block(F, count, epsilon, excess);
+      for (Index l = 0; l < kBlock; ++l) excess[0][l] *= excess[0][l];
+      out[begin / kBlock] = sum_in_order(excess[0], kBlock);
+    });
   });
   MatrixMap<Real> loss = tape.allocate(1, 1);
-  loss(0, 0) = sum_in_order(sums.data(), sums.rows()) / static_cast<Real>(n_tets);
+  loss(0, 0) = sum_in_order(sums, n) / static_cast<Real>(n_tets);
 
   return tape.record("volume_penalty", {x}, loss, [=](const ConstMatrixMap<Real>& bar) {
     if (!(loss(0, 0) != Real(0))) return;
     const Real factor = Real(2) * bar(0, 0) / static_cast<Real>(n_tets);
     MatrixMap<Real> corners = x.tape().allocate(16, n_tets);
-    const Real* rows_again = padded_rows<Real>(x.value(), memory);
+    const Real* x_rows = padded_rows<Real>(x.value(), memory);
     for_each_block(n_tets, [&](Index begin, Index count) {
-      if (!(sums(begin / kBlock, 0) != Real(0))) {
+      if (!(sums[begin / kBlock] != Real(0))) {
         corners.middleCols(begin, count).setZero();
         return;
       }
       Block<Real, 9> F;
       Block<Real, 1> excess;
-      gradient_of_block<Real>(mesh, rows_again, begin, count, F);
+      gradient_of_block<Real>(mesh, x_rows, begin, count, F);
       excess_of_block(F, count, epsilon, excess);
       for (Index l = 0; l < kBlock; ++l) excess[0][l] *= factor;
       for (Index l = 0; l < kBlock; ++l) set_entries(F, l, cofactors(entries(F, l)));
