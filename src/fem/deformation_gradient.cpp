@@ -39,10 +39,11 @@ struct Four<Real, false> {
 template <class Real>
 void gather(const Real* x_rows, const std::int32_t* at, Index count, Real (*to)[kBlock]) {
   const auto vertex = [&](Index l) {
-    return Four<Real>::from(x_rows + 4 * at[l < count ? l : count - 1]).at;
+    return Four<Real>::from(x_rows + 4 * at[l < count ? l : count - 1]);
   };
   for (Index l = 0; l < kBlock; l += 4) {
-    const auto a = vertex(l), b = vertex(l + 1), c = vertex(l + 2), d = vertex(l + 3);
+    const Four<Real> v[4] = {vertex(l), vertex(l + 1), vertex(l + 2), vertex(l + 3)};
+    const auto &a = v[0].at, &b = v[1].at, &c = v[2].at, &d = v[3].at;
     if constexpr (kHasLanes<Real>) {
       const auto ab = __builtin_shufflevector(a, b, 0, 4, 1, 5);
       const auto cd = __builtin_shufflevector(c, d, 0, 4, 1, 5);
