@@ -103,5 +103,6 @@ void add_eval(CLI::App& app);
 void add_report(CLI::App& app);
 void add_grad_check(CLI::App& app);
 void add_bench(CLI::App& app);
+void add_reproduce(CLI::App& app);
 
 }  // namespace nmp

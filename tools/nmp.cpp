@@ -115,6 +115,7 @@ int run(int argc, char** argv) {
   add_report(app);
   add_grad_check(app);
   add_bench(app);
+  add_reproduce(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {

@@ -9,6 +9,7 @@
 #include "fem/laws.h"
 #include "fem/semi_implicit_euler.h"
 #include "nmp/config.h"
+#include "nmp/paper_results.h"
 #include "nmp/rollout.h"
 
 namespace nmp {
@@ -263,18 +264,6 @@ Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateO
   return result;
 }
 
-std::optional<double> paper_rmse(const std::string& scene, Index frame) {
-  static const std::map<std::string, std::map<Index, double>> kTable1{
-      {"cube", {{100, 0.019}, {500, 0.159}, {1000, 0.535}}},
-      {"cubexl", {{100, 0.020}, {500, 0.253}, {1000, 0.440}}},
-      {"spot", {{100, 0.061}, {500, 0.217}, {1000, 0.449}}},
-      {"bob", {{100, 0.050}, {500, 0.316}, {1000, 0.579}}}};
-  const auto row = kTable1.find(scene);
-  if (row == kTable1.end()) return std::nullopt;
-  const auto value = row->second.find(frame);
-  return value == row->second.end() ? std::nullopt : std::optional<double>(value->second);
-}
-
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -377,8 +366,8 @@ std::string to_table(const Evaluation& evaluation) {
   if (evaluation.methods.begin()->second.horizons.empty()) return out.str();
   out << "the paper's NMP     ";
   for (const auto& entry : evaluation.methods.begin()->second.horizons) {
-    const std::optional<double> value = paper_rmse(evaluation.scene, entry.first);
-    cell(value ? number(*value) : "-");
+    const std::optional<PaperResult> value = paper_result(evaluation.scene, entry.first);
+    cell(value ? number(value->rmse) : "-");
   }
   out << "\n";
   out << "relative error of the stress net's forces along the truth: "

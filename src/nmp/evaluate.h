@@ -59,9 +59,6 @@ struct Evaluation {
 Evaluation evaluate(Model<float>& model, const Dataset& dataset,
                     const EvaluateOptions& options = {});
 
-/// RMSE of the paper's own NMP on its own data (Table 1) [m]; none for other scenes and frames.
-std::optional<double> paper_rmse(const std::string& scene, Index frame);
-
 /// The document of `nmp eval --json`.
 std::string to_json(const Evaluation& evaluation);
 /// A table for people: a row per method, a column per horizon, the paper's value where it has one.

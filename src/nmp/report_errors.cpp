@@ -3,6 +3,7 @@
 
 #include "base/check.h"
 #include "nmp/evaluate.h"
+#include "nmp/paper_results.h"
 #include "nmp/report_html.h"
 #include "nmp/report_sections.h"
 
@@ -30,6 +31,12 @@ const std::vector<Look>& looks() {
       {"ballistic", "ballistic flight", "no elasticity", {4, "2 3", 1.8}},
       {"rest", "standing still", "nothing moves", {7, "2 3", 1.8}}};
   return all;
+}
+
+// RMSE of the paper's own method, 0 if it has none.
+double paper_of(const std::string& scene, Index frame) {
+  const std::optional<PaperResult> result = paper_result(scene, frame);
+  return result ? result->rmse : 0;
 }
 
 Look look(const std::string& name) {
@@ -82,7 +89,7 @@ std::string findings(const Result& result) {
                                      "standing still is off by " + length(at_end(rest)) + ", " +
                                          times(1 / relative) + " as much.");
   }
-  if (const double paper = paper_rmse(result.scene, last).value_or(0); paper > 0)
+  if (const double paper = paper_of(result.scene, last); paper > 0)
     list +=
         finding("Beside the paper:",
                 "its NMP is off by " + length(paper) + " at frame " + std::to_string(last) +
@@ -124,7 +131,7 @@ std::string error_table(const Result& result) {
   std::string paper =
       "<tr class=\"paper\"><td>the paper's NMP<small>on its own recording</small></td>";
   for (const long frame : result.horizons) {
-    const double value = paper_rmse(result.scene, frame).value_or(0);
+    const double value = paper_of(result.scene, frame);
     in_paper = in_paper || value > 0;
     paper += "<td>" + (value > 0 ? pretty(value) : std::string("–")) + "</td>";
   }

@@ -187,5 +187,13 @@ TEST_SUITE("nmp/body") {
     const Body both =
         body("spot.msh", "planes = [[0, -1, 0, 0.93]]\nboxes = [[-9, 0.27, 0.1, 9, 9, 9]]\n");
     CHECK(both.pinned.size() > 100);
+    // As the scenes that ship have them.
+    const auto shipped = [&](const char* name) {
+      Scene scene = read_scene(name);
+      scene.mesh_folders = {meshes};
+      return make_body(scene);
+    };
+    CHECK(shipped("spot").pinned == both.pinned);
+    CHECK(shipped("bob").pinned.size() == 59);
   }
 }

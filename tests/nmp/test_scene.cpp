@@ -1,4 +1,5 @@
 #include "nmp/scene.h"
+#include "nmp/shipped.h"
 
 #include <doctest/doctest.h>
 
@@ -28,7 +29,33 @@ Mat3<double> turn(const fem::TetMesh<double>& mesh, const Matrix<double>& x) {
 }  // namespace
 
 TEST_SUITE("nmp/scene") {
-  TEST_CASE("the scene that ships is CUBE, and every default is its") {
+  TEST_CASE("the paper's scenes ship") {
+    CHECK(shipped_scene_names() == std::vector<std::string>{"bob", "cube", "cubexl", "spot"});
+    Scene cubexl = read_scene("cubexl");
+    CHECK(cubexl.vertices_per_edge == 22);
+    cubexl.name = "cube";
+    cubexl.vertices_per_edge = 10;
+    CHECK(to_toml(cubexl) == to_toml(read_scene("cube")));
+    for (const char* name : {"bob", "spot"}) {
+      const Scene held = read_scene(name);
+      CHECK(held.name == name);
+      CHECK(held.mesh_file == std::string(name) + ".msh");
+      CHECK(held.mesh_up == "y");
+      CHECK(held.physics.material.E == 1e5);
+      CHECK(held.physics.material.nu == 0.45);
+      CHECK_FALSE(held.physics.ground);
+      CHECK(held.has_pins());
+      CHECK(held.v_min == Vec3<double>(-2, -2, -2));
+      CHECK(held.v_max == Vec3<double>(2, 2, 2));
+      CHECK(held.h() == doctest::Approx(5e-4));
+      CHECK(held.substeps == 50);
+      CHECK(held.frames == 1000);
+      CHECK(held.train == 32);
+      CHECK(held.validation == 8);
+    }
+  }
+
+  TEST_CASE("CUBE ships with every default") {
     const Scene cube = read_scene("cube");
     CHECK(cube.name == "cube");
     CHECK(cube.vertices_per_edge == 10);
@@ -106,7 +133,7 @@ TEST_SUITE("nmp/scene") {
     test::put(folder / "mine.toml", "name = \"mine\"\n");
     CHECK(read_scene(path).name == "mine");
     const std::string unknown = test::message<ConfigError>([] { read_scene("cubes"); });
-    CHECK(contains(unknown, "that ships (cube"));
+    CHECK(contains(unknown, "that ships (bob, cube, cubexl, spot"));
     CHECK(contains(unknown, "did you mean 'cube'?"));
     CHECK_THROWS_AS(read_scene(folder.path().string()), IoError);
     CHECK(contains(test::message<ConfigError>([] { read_scene("cube", {"mesh.sid=2"}); }),

@@ -33,6 +33,12 @@ TEST_SUITE("nmp/train_config") {
       CHECK(stage->epochs == 0);
     }
 
+    TrainConfig accurate = read_train_config("accurate");
+    CHECK(accurate.constitutive.iterations > fast.constitutive.iterations);
+    accurate.name = fast.name;
+    accurate.constitutive.iterations = fast.constitutive.iterations;
+    CHECK(to_toml(accurate) == to_toml(fast));
+
     const TrainConfig paper = read_train_config("paper");
     CHECK(paper.name == "paper");
     CHECK_FALSE(paper.staggered);
@@ -119,6 +125,6 @@ TEST_SUITE("nmp/train_config") {
     CHECK(contains(refusal("[model.integration]\nalignment_widths = [1, 2]\n"), "three widths"));
     CHECK(contains(refusal("[model.stress]\nhidden = [0]\n"), "a.toml:2:11: model.stress.hidden"));
     CHECK(contains(test::message<ConfigError>([] { read_train_config("fats"); }),
-                   "that ships (fast, paper)"));
+                   "that ships (accurate, fast, paper)"));
   }
 }

@@ -8,7 +8,8 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 # 1. Help and version.
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
-for command in data "data gen" "data info" "data verify" train rollout eval report grad-check bench; do
+for command in data "data gen" "data info" "data verify" train rollout eval report grad-check bench \
+  reproduce "reproduce table1" "reproduce std"; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
   grep -q '^  nmp ' stdout || complain "nmp $command --help has no example line"
@@ -104,6 +105,27 @@ expect 3 report --model m.safetensors --data d --eval eval.json --metrics text -
 [ ! -e bad.html ] || complain "a refused report left a file"
 expect 5 report --model m.safetensors --data d --eval eval.json -o no_such_folder/r.html
 expect 0 grad-check --json && is_json && prints '"group": "rollout"'
+
+# Table 1 from a folder of models; the trajectories are made once, and found again.
+mkdir -p shipped && cp m.safetensors shipped/cube.safetensors
+table=(reproduce table1 --models shipped --scenes cube --scale smoke)
+expect 0 "${table[@]}" --json && is_json
+for key in scene horizon rmse_mean rmse_std relative_mean coarse_physics staggered_physics \
+  affine_only residual_zeroed paper goal verdict diverged; do
+  [ "$(grep -c "^   \"$key\":" stdout)" -ge 1 ] || complain "a cell of Table 1 has no $key"
+done
+kept_at=$(stat -c %Y out/reproduce/cube-2x100/val/000.safetensors)
+sleep 1
+expect 0 "${table[@]}" && prints "paper" && prints "verdict"
+[ "$(stat -c %Y out/reproduce/cube-2x100/val/000.safetensors)" = "$kept_at" ] ||
+  complain "reproduce made its trajectories again"
+expect 0 reproduce std --models shipped --scenes cube --scale smoke && prints "0.01"
+expect 2 reproduce table1 --scenes cub && says "cubexl"
+expect 2 reproduce && says "table1"
+expect 5 reproduce table1 --models shipped && says "shipped/cubexl.safetensors"
+expect 2 reproduce table1 --scale tiny && says "smoke"
+cp m.safetensors shipped/bob.safetensors
+NMP_MESHES='' expect 2 reproduce table1 --models shipped --scenes bob && says "bob.msh" && says "NMP_MESHES"
 
 # Every row of the bench has its keys, also one that is skipped; counts are real; a page is kept.
 quickly=(--seconds 0 --repetitions 1)

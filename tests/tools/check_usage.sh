@@ -38,6 +38,7 @@ declare -A complete=(
   ["report"]="--model m --data d --eval eval.json -o new"
   ["grad-check"]=""
   ["bench"]="--only svd"
+  ["reproduce table1"]="--scenes cube --scale smoke"
 )
 huge=$(head -c 100000 /dev/zero | tr '\0' x)
 escape=$'\e[31mred'
@@ -66,7 +67,10 @@ for command in "${!complete[@]}"; do
     expect 2 "${name[@]}" "${rest[@]}" $option
     expect 2 "${name[@]}" "${rest[@]}" $option 1 $option 1
   done
-  [ "$command" = grad-check ] || [ "$command" = bench ] || expect 2 "${name[@]}"
+  case $command in
+    grad-check | bench | reproduce*) ;;
+    *) expect 2 "${name[@]}" ;;
+  esac
   [ ! -e new ] || complain "nmp $command: a refused command line left a file"
 done
 expect 2 "$huge"
