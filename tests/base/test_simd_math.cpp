@@ -152,6 +152,9 @@ TEST_SUITE("base/simd_math") {
       for (int l = 0; l < n; ++l) rows[i][l] = static_cast<Real>(100 * i + l);
     transpose<Real>(rows);
     for (int i = 0; i < n; ++i)
-      for (int l = 0; l < n; ++l) CHECK(rows[i][l] == static_cast<Real>(100 * l + i));
+      for (int l = 0; l < n; ++l) {
+        const Real value = rows[i][l];
+        CHECK(value == static_cast<Real>(100 * l + i));
+      }
   }
 }
