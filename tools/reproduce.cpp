@@ -38,8 +38,9 @@ std::string to_text(const Table1& table) {
       "net.\n"
       "affine only: the true law and two fitted numbers. coarse, staggered: the true law and\n"
       "semi-implicit Euler at the same step, the latter with a staggered start.\n"
-      "verdict: at or below staggered or coarse physics, the goal, a tenth of the paper's, or "
-      "missed.\n\n";
+      "verdict: missed the goal (tenth: but at most a tenth of the paper's error), met it, or at "
+      "or\n"
+      "below coarse or staggered physics, too.\n\n";
   for (const Table1::Source& source : table.sources) {
     words += source.model + ": configuration " + source.config +
              ", error of the stress net's forces " + common::number(100 * source.force_error) +

@@ -24,11 +24,10 @@ std::optional<double> error_of(const Evaluation& evaluation, const std::string& 
 
 std::string verdict(const Table1Cell& cell) {
   const double error = cell.error.rmse.mean;
+  if (!cell.goal) return "";
+  if (error > *cell.goal) return error <= *cell.paper / 10 ? "tenth" : "missed";
   if (cell.staggered_physics && error <= *cell.staggered_physics) return "staggered";
-  if (cell.coarse_physics && error <= *cell.coarse_physics) return "coarse";
-  if (cell.goal && error <= *cell.goal) return "goal";
-  if (cell.paper && error <= *cell.paper / 10) return "tenth";
-  return cell.goal ? "missed" : "";
+  return cell.coarse_physics && error <= *cell.coarse_physics ? "coarse" : "goal";
 }
 
 // The validation trajectories of a shipped scene, made if they are not there.

@@ -38,8 +38,8 @@ struct Table1Cell {
   Index diverged = 0;
   std::optional<double> paper, paper_std;
   std::optional<double> goal;
-  /// "staggered" or "coarse" where the error is at most that of that physics, "goal", "tenth" (of
-  /// the paper's), "missed", or "" where there is nothing to compare with.
+  /// "missed" the goal, or "tenth": missed, but at most a tenth of the paper's error. Else "goal",
+  /// "coarse" or "staggered": at most the error of that physics, too. "" where there is no goal.
   std::string verdict;
 };
 

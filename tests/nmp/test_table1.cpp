@@ -95,7 +95,7 @@ TEST_SUITE("nmp/table1") {
     }
     CHECK(table.cells[0].horizon == 10);
     CHECK_FALSE(table.cells[0].paper);
-    CHECK(table.cells[0].verdict != "missed");  // there is no goal at frame 10
+    CHECK(table.cells[0].verdict.empty());
     CHECK(*table.cells[1].paper == 0.019);
     CHECK(*table.cells[1].goal == 2e-4);
     const bool tenth = table.cells[1].error.rmse.mean <= 0.0019;
