@@ -125,10 +125,10 @@ std::string table(const std::vector<std::vector<std::string>>& rows) {
   return text;
 }
 
-std::string number(double value) {
-  char digits[32];
-  std::snprintf(digits, sizeof digits, "%.3g", value);
-  return digits;
+std::string number(double value, int digits) {
+  char words[64];
+  std::snprintf(words, sizeof words, "%.*g", digits, value);
+  return words;
 }
 
 std::vector<Index> default_horizons(Index frames) {

@@ -42,8 +42,8 @@ void note(const std::string& line);
 
 /// Columns padded to their widest cell: the first one to the left, the others to the right.
 std::string table(const std::vector<std::vector<std::string>>& rows);
-/// With three significant digits.
-std::string number(double value);
+/// With so many significant digits.
+std::string number(double value, int digits = 3);
 /// The paper's horizons 100, 500, 1000 that a recording has; its last frame if it has none of them.
 std::vector<Index> default_horizons(Index frames);
 
@@ -104,5 +104,6 @@ void add_report(CLI::App& app);
 void add_grad_check(CLI::App& app);
 void add_bench(CLI::App& app);
 void add_reproduce(CLI::App& app);
+void add_model(CLI::App& app);
 
 }  // namespace nmp

@@ -70,7 +70,7 @@ void info(const Options& o) {
         {"checksum", fem::mesh_checksum(o.in)}};
     return common::print(json.dump(1) + "\n");
   }
-  const auto number = common::number;
+  const auto number = [](double value) { return common::number(value); };
   common::print(common::table(
       {{"vertices", text(mesh.n_vertices())},
        {"tetrahedra", text(mesh.n_tets())},

@@ -116,6 +116,7 @@ int run(int argc, char** argv) {
   add_grad_check(app);
   add_bench(app);
   add_reproduce(app);
+  add_model(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {

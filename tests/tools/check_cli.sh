@@ -9,7 +9,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
 for command in data "data gen" "data info" "data verify" train rollout eval report grad-check bench \
-  reproduce "reproduce table1" "reproduce std"; do
+  reproduce "reproduce table1" "reproduce std" model "model info"; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
   grep -q '^  nmp ' stdout || complain "nmp $command --help has no example line"
@@ -105,6 +105,14 @@ expect 3 report --model m.safetensors --data d --eval eval.json --metrics text -
 [ ! -e bad.html ] || complain "a refused report left a file"
 expect 5 report --model m.safetensors --data d --eval eval.json -o no_such_folder/r.html
 expect 0 grad-check --json && is_json && prints '"group": "rollout"'
+
+# What the weights say.
+expect 0 model info m.safetensors --json && is_json && prints '"E": null'
+expect 0 model info m.safetensors --data d --json && is_json && prints '"E": 500000.0'
+expect 0 model info m.safetensors --data d && prints "Young's modulus" && prints "1000"
+expect 5 model info no_such_model && says "no_such_model" && silent
+expect 3 model info r.safetensors && says "not a model"
+expect 2 model && says "info"
 
 # Table 1 from a folder of models; the trajectories are made once, and found again.
 mkdir -p shipped && cp m.safetensors shipped/cube.safetensors

@@ -39,6 +39,7 @@ declare -A complete=(
   ["grad-check"]=""
   ["bench"]="--only svd"
   ["reproduce table1"]="--scenes cube --scale smoke"
+  ["model info"]="m"
 )
 huge=$(head -c 100000 /dev/zero | tr '\0' x)
 escape=$'\e[31mred'
