@@ -131,7 +131,8 @@ Var<Real> right_cauchy_green_minus_identity(Var<Real> F) {
   MatrixMap<Real> D = F.tape().allocate(f.rows(), 9);
   parallel_for(f.rows(), [&](Index e) {
     const Mat3<Real> H = load_mat3<Real>(f, e) - Mat3<Real>::Identity();
-    store_mat3<Real>(D, e, H + H.transpose() + H.transpose() * H);
+    const Mat3<Real> HtH = H.transpose() * H;
+    store_mat3<Real>(D, e, H + H.transpose() + HtH);
   });
   return F.tape().record(
       "right_cauchy_green_minus_identity", {F}, D, [F, f](const ConstMatrixMap<Real>& bar) {
