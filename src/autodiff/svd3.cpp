@@ -184,7 +184,7 @@ struct JacobiLanes {
     const LaneMask<Real> active = running &
                                   (g * g > kOrthogonal<Real> * kOrthogonal<Real> * (a * b)) &
                                   (squared_root > Real(0));
-    // An angle with 12 bits leaves 1/4000 of the cosine, and the next sweep finds that. The
+    // An angle with 11 bits leaves 1/1000 of the cosine, and the next sweep finds that. The
     // rotation is one to the last bit all the same: s is made of h.
     const L root = squared_root * rough_reciprocal_root<Real>(squared_root);
     const L t = (d < Real(0) ? -twice : twice) * rough_reciprocal<Real>(absolute<Real>(d) + root);
