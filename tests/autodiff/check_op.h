@@ -73,4 +73,31 @@ bool same_for_any_threads(const F& f, const std::vector<Matrix<double>>& inputs)
   return same;
 }
 
+/// Whether every row of result and gradients of f, which keeps to its rows, has the bits that it
+/// has when it is the only one.
+template <class Real, class F>
+bool same_for_a_row_alone(const F& f, const std::vector<Matrix<double>>& inputs) {
+  const auto results = [&](Index begin, Index n) {
+    Tape<Real> tape;
+    Vars<Real> x;
+    for (const Matrix<double>& input : inputs)
+      x.push_back(tape.input(Matrix<double>(input.middleRows(begin, n)).cast<Real>()));
+    const Var<Real> y = f(tape, x);
+    const Matrix<Real> y_bar = random_matrix(inputs[0].rows(), y.cols(), 3).template cast<Real>();
+    tape.backward(y, y_bar.middleRows(begin, n));
+    std::vector<Matrix<Real>> all = {y.value()};
+    for (const Var<Real>& each : x) all.push_back(each.bar());
+    return all;
+  };
+  const Index rows = inputs[0].rows();
+  const auto together = results(0, rows);
+  bool same = true;
+  for (Index row = 0; row < rows; ++row) {
+    const auto alone = results(row, 1);
+    for (std::size_t k = 0; k < alone.size(); ++k)
+      same &= same_bits(alone[k], together[k].row(row));
+  }
+  return same;
+}
+
 }  // namespace nmp::ad

@@ -32,6 +32,8 @@ void check_mat3(const F& f, double size, std::uint64_t n_inputs = 1) {
   CHECK(check_gradient(f, inputs(1, size, n_inputs)).largest > 0.1);
   CHECK(dual_error(f, inputs(600, size, n_inputs)) <= 1e-12);
   CHECK(same_for_any_threads(f, inputs(600, size, n_inputs)));
+  CHECK(same_for_a_row_alone<double>(f, inputs(75, size, n_inputs)));
+  CHECK(same_for_a_row_alone<float>(f, inputs(75, size, n_inputs)));
 }
 
 TEST_SUITE("autodiff/ops_mat3") {

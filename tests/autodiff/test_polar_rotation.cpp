@@ -95,6 +95,8 @@ TEST_SUITE("autodiff/polar_rotation") {
     }
     CHECK(dual_error(f, {near_rest(600, 0.2, 6)}) <= 1e-12);
     CHECK(same_for_any_threads(f, {near_rest(600, 0.2, 6)}));
+    CHECK(same_for_a_row_alone<double>(f, {near_rest(75, 0.2, 6)}));
+    CHECK(same_for_a_row_alone<float>(f, {near_rest(75, 0.2, 6)}));
   }
 
   TEST_CASE("adjoint at F = s Q is Q skew(Q^T R_bar) / s") {

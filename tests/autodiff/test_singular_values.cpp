@@ -58,6 +58,8 @@ TEST_SUITE("autodiff/singular_values") {
     }
     CHECK(dual_error(f, {stretched(600)}) <= 1e-12);
     CHECK(same_for_any_threads(f, {stretched(600)}));
+    CHECK(same_for_a_row_alone<double>(f, {stretched(75)}));
+    CHECK(same_for_a_row_alone<float>(f, {stretched(75)}));
     const Matrix<double> special =
         rows_of({with_singular_values(1.2, 0.8, -0.4, 1), with_singular_values(1.2, 0.8, 0, 2),
                  with_singular_values(1.2, 0.8, 1e-7, 3)});
