@@ -1,11 +1,16 @@
-// nmp reproduce: the paper's tables with the models that ship.
+// nmp reproduce: the paper's tables and studies with the models that ship.
 //   nmp reproduce table1 --meshes meshes
 //   nmp reproduce table1 --models models --scenes cube,bob --json > table1.json
 //   nmp reproduce std --scale small
+//   nmp reproduce unseen --scale small --meshes meshes
+//   nmp reproduce studies --meshes meshes
 
 #include <memory>
+#include <nlohmann/json.hpp>
 
+#include "base/check.h"
 #include "common.h"
+#include "nmp/study.h"
 #include "nmp/table1.h"
 
 namespace nmp {
@@ -86,50 +91,117 @@ void run(const Options& o, bool std_only) {
                              : to_text(table));
 }
 
-void add(CLI::App& parent, const std::string& name, const std::string& summary,
-         const std::string& details, std::initializer_list<const char*> examples, bool std_only) {
-  CLI::App& command = common::add_command(parent, name, summary, details, examples);
-  const auto o = std::make_shared<Options>();
-  command.add_option("--models", o->models, "Folder of SCENE.safetensors")
+void add_common(CLI::App& command, Options& o, const std::string& scales) {
+  command.add_option("--models", o.models, "Folder of SCENE.safetensors")
       ->type_name("DIR")
       ->capture_default_str();
+  command.add_option("--scale", o.scale, scales)
+      ->check(CLI::IsMember({"smoke", "small", "paper"}))
+      ->capture_default_str();
+  command
+      .add_option("--work", o.work,
+                  "Folder where trajectories and models are made, and found again")
+      ->type_name("DIR")
+      ->capture_default_str();
+  command.add_option("--meshes", o.meshes, "Folder that holds bob.msh and spot.msh")
+      ->type_name("DIR")
+      ->envname("NMP_MESHES");
+  common::add_threads(command);
+  common::add_json(command, o.flags);
+}
+
+void add_table1(CLI::App& parent, const std::string& name, const std::string& summary,
+                const std::string& details, std::initializer_list<const char*> examples,
+                bool std_only) {
+  CLI::App& command = common::add_command(parent, name, summary, details, examples);
+  const auto o = std::make_shared<Options>();
   command.add_option("--scenes", o->scenes, "Only these (default: cube,cubexl,spot,bob)")
       ->type_name("NAME,...")
       ->delimiter(',')
       ->allow_extra_args(false);
-  command
-      .add_option("--scale", o->scale,
-                  "smoke: 2 trajectories of 100 frames, small: 2 of 1000, paper: 8 of 1000")
-      ->check(CLI::IsMember({"smoke", "small", "paper"}))
-      ->capture_default_str();
-  command.add_option("--work", o->work, "Folder where trajectories are made, and found again")
-      ->type_name("DIR")
-      ->capture_default_str();
-  command.add_option("--meshes", o->meshes, "Folder that holds bob.msh and spot.msh")
-      ->type_name("DIR")
-      ->envname("NMP_MESHES");
-  common::add_threads(command);
-  common::add_json(command, o->flags);
+  add_common(command, *o,
+             "smoke: 2 trajectories of 100 frames, small: 2 of 1000, paper: 8 of 1000");
   command.callback([o, std_only] { run(*o, std_only); });
+}
+
+// -- studies
+
+std::string to_text(const Study& study) {
+  std::string words = study.title + "\n\n" + common::table(study.rows) + "\n";
+  for (const std::string& note : study.notes) words += note + "\n";
+  return words + "\n";
+}
+
+void run_studies(const Options& o, const std::vector<StudyKind>& kinds) {
+  StudyOptions options;
+  options.scale = o.scale == "smoke"   ? Scale::smoke
+                  : o.scale == "small" ? Scale::small
+                                       : Scale::paper;
+  options.models = o.models;
+  options.work = o.work;
+  options.mesh_folders = {"."};
+  if (!o.meshes.empty()) options.mesh_folders.emplace_back(o.meshes);
+  options.warn = [](const std::string& what) { common::note("warning: " + what); };
+  options.stop = common::stop_requested;
+  common::Progress progress("reproduce");
+  nlohmann::ordered_json all = nlohmann::ordered_json::array();
+  Path report;
+  for (std::size_t i = 0; i < kinds.size(); ++i) {
+    options.progress = [&](const std::string& what, double part) {
+      common::stop_if_requested();
+      progress.update((static_cast<double>(i) + part) / static_cast<double>(kinds.size()),
+                      text(kinds[i].name, ": ", what));
+    };
+    const Study study = kinds[i].run(options);
+    report = add_to_report(study, options.work);
+    progress.clear();
+    if (o.flags.json)
+      all.push_back(nlohmann::ordered_json::parse(study.json));
+    else
+      common::print(to_text(study));
+  }
+  if (o.flags.json)
+    common::print((kinds.size() == 1 ? all[0] : nlohmann::ordered_json{{"studies", all}}).dump(1) +
+                  "\n");
+  else
+    common::print(report.string() + "\n");
+}
+
+void add_studies(CLI::App& parent, const std::string& name, const std::string& summary,
+                 const std::vector<StudyKind>& kinds, const char* example) {
+  CLI::App& command = common::add_command(
+      parent, name, summary,
+      "What is found becomes a section of WORK/report.html, beside those of earlier runs.",
+      {example});
+  const auto o = std::make_shared<Options>();
+  add_common(command, *o,
+             "smoke: does it work, small: 2 trajectories and short trainings, paper: 8");
+  command.callback([o, kinds] { run_studies(*o, kinds); });
 }
 
 }  // namespace
 
 void add_reproduce(CLI::App& app) {
   CLI::App& reproduce = common::add_command(
-      app, "reproduce", "Make the paper's tables with the models that ship", "",
-      {"nmp reproduce table1 --meshes meshes", "nmp reproduce std --scale small"});
+      app, "reproduce", "Make the paper's tables and studies with the models that ship", "",
+      {"nmp reproduce table1 --meshes meshes", "nmp reproduce studies --scale small"});
   reproduce.require_subcommand(1);
-  add(reproduce, "table1", "RMSE of rollouts over 100, 500 and 1000 frames on the four scenes",
-      "Beside it, on the same trajectories: the true law with a coarse integrator, plain and with "
-      "a\n"
+  add_table1(
+      reproduce, "table1", "RMSE of rollouts over 100, 500 and 1000 frames on the four scenes",
+      "Beside it, on the same trajectories: the true law with a coarse integrator, plain and "
+      "with a\n"
       "staggered start, two fitted numbers in place of the integrator, the model without its\n"
       "integrator's net, the paper's values, and the goals.",
       {"nmp reproduce table1 --meshes meshes",
        "nmp reproduce table1 --models models --scenes cube,bob --json > table1.json"},
       false);
-  add(reproduce, "std", "Standard deviations of the same errors over the trajectories", "",
-      {"nmp reproduce std --meshes meshes"}, true);
+  add_table1(reproduce, "std", "Standard deviations of the same errors over the trajectories", "",
+             {"nmp reproduce std --meshes meshes"}, true);
+  for (const StudyKind& kind : study_kinds())
+    add_studies(reproduce, kind.name, kind.summary, {kind},
+                text("nmp reproduce ", kind.name, " --scale small --meshes meshes").c_str());
+  add_studies(reproduce, "studies", "All of the studies, one after another", study_kinds(),
+              "nmp reproduce studies --scale smoke --meshes meshes");
 }
 
 }  // namespace nmp

@@ -24,6 +24,7 @@ struct Options {
   std::string data, out;
   std::string stage = "all";
   std::string start;       // a trained model to go on from; empty: a new one
+  std::string law;         // one whose stress net a new model gets
   double max_minutes = 0;  // 0: no limit
   bool resume = false;
   double checkpoint_minutes = 5;
@@ -56,6 +57,7 @@ std::string how_to_go_on(const Options& o) {
                         quoted(o.out) + " --resume";
   if (o.stage != "all") command += " --stage " + o.stage;
   if (!o.start.empty()) command += " --model " + quoted(o.start);
+  if (!o.law.empty()) command += " --law " + quoted(o.law);
   for (const std::string& setting : o.flags.set) command += " --set " + quoted(setting);
   if (o.flags.seed) command += text(" --seed ", *o.flags.seed);
   return "this goes on as if it had never stopped:\n  " + command;
@@ -79,6 +81,7 @@ void run(const Options& o) {
   common::Progress progress("train");
   TrainingRunOptions options;
   options.start = o.start;
+  options.law = o.law;
   options.resume = o.resume;
   options.force = o.flags.force;
   options.checkpoint_minutes = o.checkpoint_minutes;
@@ -134,8 +137,15 @@ void add_train(CLI::App& app) {
   train.add_option("-o,--output", o->out, "File of the model")->type_name("FILE")->required();
   train.add_option("--stage", o->stage, "Which part of the training")
       ->check(CLI::IsMember({"constitutive", "integration", "joint", "all"}));
-  train.add_option("--model", o->start, "Go on from this model: its architecture is kept")
-      ->type_name("FILE");
+  CLI::Option* model =
+      train.add_option("--model", o->start, "Go on from this model: its architecture is kept")
+          ->type_name("FILE");
+  train
+      .add_option("--law", o->law,
+                  "Give the new model the stress net of this one, as a fixed law beside which an "
+                  "integrator is trained")
+      ->type_name("FILE")
+      ->excludes(model);
   train.add_option("--max-minutes", o->max_minutes, "Save and stop after so long; 0: no limit")
       ->type_name("M")
       ->check(common::real_number(0, 1e6));

@@ -355,8 +355,9 @@ Dataset Dataset::open(const Path& folder) {
   return data;
 }
 
-double Dataset::stagger() const {
-  return manifest_.dt > 0 ? (1 - manifest_.dt / manifest_.h) / 2 : 0.5;
+double Dataset::stagger(Index substeps) const {
+  const double step = manifest_.h / static_cast<double>(substeps);
+  return manifest_.dt > 0 ? (1 - manifest_.dt / step) / 2 : 0.5;
 }
 
 void Dataset::verify() const {

@@ -87,8 +87,9 @@ class Dataset {
   const fem::TetMesh<double>& mesh() const { return *mesh_; }
   const std::vector<Trajectory>& train() const { return train_; }
   const std::vector<Trajectory>& validation() const { return validation_; }
-  /// Stagger s of the velocity convention, (1 - dt/h)/2, or 1/2 if dt is unknown (design.md 2).
-  double stagger() const;
+  /// Stagger s of the velocity convention, (1 - dt/step)/2, or 1/2 if dt is unknown (design.md 2).
+  /// @param substeps  steps of a rollout per frame: step = h / substeps
+  double stagger(Index substeps = 1) const;
   /// All trajectories.
   /// @throws InputError  naming the first file whose checksum differs
   void verify() const;

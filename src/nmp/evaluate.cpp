@@ -6,11 +6,10 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "fem/laws.h"
-#include "fem/semi_implicit_euler.h"
 #include "nmp/config.h"
 #include "nmp/paper_results.h"
 #include "nmp/rollout.h"
+#include "nmp/setting.h"
 
 namespace nmp {
 
@@ -32,17 +31,9 @@ class Bench {
       : model_(model),
         dataset_(dataset),
         physics_(dataset.manifest().physics),
-        mesh_(dataset.mesh()),
-        mesh_f_(mesh_.cast<float>()),
-        boundary_(fem::make_boundary<double>(mesh_, physics_.pinned, physics_.ground)),
-        boundary_f_(fem::make_boundary<float>(mesh_f_, physics_.pinned, ground_as_float())),
-        euler_(physics_.material.density, physics_.gravity),
-        euler_f_(physics_.material.density, physics_.gravity),
+        double_(dataset),
+        float_(dataset),
         affine_(affine_config(), 0) {
-    if (dataset.manifest().law_known) {
-      law_ = fem::make_law<double>(physics_.material);
-      law_f_ = fem::make_law<float>(physics_.material);
-    }
     affine_.set_affine(model.info.affine_alpha, model.info.affine_b);
     affine_.set_residual_enabled(false);
   }
@@ -54,25 +45,30 @@ class Bench {
                              name == "affine_only" || name == "coarse_physics" ||
                              name == "staggered_physics";
       const bool needs_affine = name == "residual_zeroed" || name == "affine_only";
-      if ((law_ || !needs_law) && (model_.integration.affine() || !needs_affine))
+      if ((double_.law_known() || !needs_law) && (model_.integration.affine() || !needs_affine))
         names.push_back(name);
     }
     return names;
   }
 
   RolloutError run(const std::string& method, const Trajectory& truth, Index n_frames) {
-    const double s = model_.info.stagger;
     if (method == "rest" || method == "ballistic")
       return free_flight(truth, n_frames, method == "ballistic");
-    if (method == "coarse_physics") return roll<double>(truth, n_frames, *law_, euler_, 0);
-    if (method == "staggered_physics")
-      return roll<double>(truth, n_frames, *law_, euler_, dataset_.stagger());
-    if (method == "affine_only") return roll<double>(truth, n_frames, *law_, affine_, s);
-    if (method == "neural_law") return roll<float>(truth, n_frames, model_.stress, euler_f_, s);
-    if (method == "neural_integrator")
-      return roll<float>(truth, n_frames, *law_f_, model_.integration, s);
+    const auto physics = [&](double stagger) {
+      return compare(double_.simulation(double_.law(), double_.euler(), stagger), truth, n_frames);
+    };
+    const auto in_float = [&](const fem::ConstitutiveLaw<float>& law,
+                              const fem::Integrator<float>& integrator) {
+      return compare(float_.simulation(law, integrator, model_.info), truth, n_frames);
+    };
+    if (method == "coarse_physics") return physics(0);
+    if (method == "staggered_physics") return physics(dataset_.stagger());
+    if (method == "affine_only")
+      return compare(double_.simulation(double_.law(), affine_, model_.info), truth, n_frames);
+    if (method == "neural_law") return in_float(model_.stress, float_.euler());
+    if (method == "neural_integrator") return in_float(float_.law(), model_.integration);
     if (method == "residual_zeroed") model_.integration.set_residual_enabled(false);
-    const RolloutError run = roll<float>(truth, n_frames, model_.stress, model_.integration, s);
+    const RolloutError run = in_float(model_.stress, model_.integration);
     if (method == "residual_zeroed") model_.integration.set_residual_enabled(true);
     return run;
   }
@@ -80,8 +76,8 @@ class Bench {
   // First frame at which a vertex is on the ground; past the end if none is.
   Index first_touch(const Trajectory& truth) const {
     if (!physics_.ground) return truth.frames() + 1;
-    const double height = *physics_.ground + 1e-6 * mesh_.diagonal();
-    Matrix<double> x(mesh_.n_vertices(), 3);
+    const double height = *physics_.ground + 1e-6 * double_.mesh().diagonal();
+    Matrix<double> x(double_.mesh().n_vertices(), 3);
     for (Index t = 0; t <= truth.frames(); ++t) {
       truth.read_x<double>(t, x);
       if (x.col(2).minCoeff() <= height) return t;
@@ -97,43 +93,10 @@ class Bench {
     return config;
   }
 
-  std::optional<float> ground_as_float() const {
-    if (!physics_.ground) return std::nullopt;
-    return static_cast<float>(*physics_.ground);
-  }
-
-  template <class Real>
-  const fem::TetMesh<Real>& mesh_as() const {
-    if constexpr (std::is_same_v<Real, float>)
-      return mesh_f_;
-    else
-      return mesh_;
-  }
-  template <class Real>
-  const fem::Boundary<Real>& boundary_as() const {
-    if constexpr (std::is_same_v<Real, float>)
-      return boundary_f_;
-    else
-      return boundary_;
-  }
-
-  template <class Real>
-  RolloutError roll(const Trajectory& truth, Index n_frames, const fem::ConstitutiveLaw<Real>& law,
-                    const fem::Integrator<Real>& integrator, double stagger) {
-    const Simulation<Real> simulation{mesh_as<Real>(),
-                                      law,
-                                      integrator,
-                                      boundary_as<Real>(),
-                                      static_cast<Real>(dataset_.manifest().h),
-                                      1,
-                                      static_cast<Real>(stagger)};
-    return compare<Real>(simulation, truth, n_frames);
-  }
-
   // x_t = x_0, or x_0 + t h v_0 + (t h)^2 g / 2 for every vertex that is not pinned.
   RolloutError free_flight(const Trajectory& truth, Index n_frames, bool moving) const {
     const fem::State<double> start = truth.state<double>(0);
-    Matrix<double> x = start.x, x_true(mesh_.n_vertices(), 3);
+    Matrix<double> x = start.x, x_true(double_.mesh().n_vertices(), 3);
     RolloutError run;
     run.end.frames = n_frames;
     for (Index t = 0; t <= n_frames; ++t) {
@@ -141,7 +104,7 @@ class Bench {
       if (moving) {
         x = start.x + time * start.v;
         x.rowwise() += 0.5 * time * time * physics_.gravity.transpose();
-        for (const int pinned : boundary_.pinned) x.row(pinned) = start.x.row(pinned);
+        for (const int pinned : double_.boundary().pinned) x.row(pinned) = start.x.row(pinned);
       }
       truth.read_x<double>(t, x_true);
       run.rmse.push_back(rmse(x, x_true));
@@ -152,15 +115,9 @@ class Bench {
   Model<float>& model_;
   const Dataset& dataset_;
   fem::Physics physics_;
-  fem::TetMesh<double> mesh_;
-  fem::TetMesh<float> mesh_f_;
-  fem::Boundary<double> boundary_;
-  fem::Boundary<float> boundary_f_;
-  fem::SemiImplicitEuler<double> euler_;
-  fem::SemiImplicitEuler<float> euler_f_;
+  Setting<double> double_;
+  Setting<float> float_;
   IntegrationNet<double> affine_;
-  std::unique_ptr<fem::ConstitutiveLaw<double>> law_;
-  std::unique_ptr<fem::ConstitutiveLaw<float>> law_f_;
 };
 
 // rms displacement of the truth from frame 0, at every horizon.

@@ -39,6 +39,9 @@ Json describe(const Model<float>& model) {
                          {"positions", scales.positions}};
   json["info"] = {{"h", info.h},
                   {"stagger", info.stagger},
+                  {"substeps", info.substeps},
+                  {"stretch", {info.range.stretch_min, info.range.stretch_max}},
+                  {"det_F", {info.range.det_min, info.range.det_max}},
                   {"affine_alpha", info.affine_alpha},
                   {"affine_b", {info.affine_b[0], info.affine_b[1], info.affine_b[2]}},
                   {"scene", info.scene},
@@ -97,6 +100,16 @@ Model<Real> build(const Json& json, const std::string& config, Index n_weights) 
   const Json& i = json.at("info");
   i.at("h").get_to(model.info.h);
   i.at("stagger").get_to(model.info.stagger);
+  // Files of version 0.1 before 2026-11-23 lack these.
+  model.info.substeps = i.value("substeps", Index(1));
+  NMP_CHECK(model.info.substeps >= 1 && model.info.substeps <= 1000,
+            text("substeps must be in 1 ... 1000, got ", model.info.substeps));
+  if (i.contains("stretch")) {
+    i.at("stretch").at(0).get_to(model.info.range.stretch_min);
+    i.at("stretch").at(1).get_to(model.info.range.stretch_max);
+    i.at("det_F").at(0).get_to(model.info.range.det_min);
+    i.at("det_F").at(1).get_to(model.info.range.det_max);
+  }
   i.at("affine_alpha").get_to(model.info.affine_alpha);
   for (int k = 0; k < 3; ++k)
     model.info.affine_b[k] = i.at("affine_b").at(static_cast<std::size_t>(k)).get<double>();

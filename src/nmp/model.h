@@ -5,6 +5,7 @@
 #include "base/file.h"
 #include "base/safetensors.h"
 #include "nmp/integration_net.h"
+#include "nmp/strain_range.h"
 #include "nmp/stress_net.h"
 #include "nmp/train_config.h"
 
@@ -14,6 +15,8 @@ namespace nmp {
 struct ModelInfo {
   double h = 0;        // step the model was trained at [s]
   double stagger = 0;  // s of the velocity convention (design.md section 2); 0: the paper's loop
+  Index substeps = 1;  // steps of a rollout per frame that it was made for
+  StrainRange range;   // of the training trajectories
   double affine_alpha = 0;            // the closed-form fit, as the row "affine_only" uses it
   Vec3<double> affine_b{0, 0, 0};     // [m/s2]
   std::string scene;                  // name of the scene it was trained on

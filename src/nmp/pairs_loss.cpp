@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <tuple>
 
 #include "autodiff/ops_basic.h"
 #include "autodiff/ops_loss.h"
@@ -8,11 +9,17 @@
 #include "autodiff/ops_rows.h"
 #include "fem/deformation_gradient.h"
 #include "fem/laws.h"
+#include "nmp/random_rotation.h"
 #include "nmp/training_loss.h"
 
 namespace nmp {
 
 namespace {
+
+// Squared norms of C - I.   #T x 1
+Matrix<double> strain_of(ad::Var<double> F) {
+  return ad::right_cauchy_green_minus_identity(F).value().rowwise().squaredNorm();
+}
 
 // n elements of a state: n_strained of those with the largest |C - I|, the others at random.
 std::vector<Index> choose_elements(ad::Var<double> F, Index n, Index n_strained,
@@ -20,8 +27,7 @@ std::vector<Index> choose_elements(ad::Var<double> F, Index n, Index n_strained,
   std::vector<Index> elements(static_cast<std::size_t>(F.rows()));
   std::iota(elements.begin(), elements.end(), Index(0));
   if (n >= F.rows()) return elements;
-  const Matrix<double> strain =
-      ad::right_cauchy_green_minus_identity(F).value().rowwise().squaredNorm();
+  const Matrix<double> strain = strain_of(F);
   const auto more_strained = [&](Index a, Index b) {
     return strain(a, 0) != strain(b, 0) ? strain(a, 0) > strain(b, 0) : a < b;
   };
@@ -33,6 +39,44 @@ std::vector<Index> choose_elements(ad::Var<double> F, Index n, Index n_strained,
     std::swap(elements[i], elements[i + draw.below(i, elements.size() - i)]);
   elements.resize(static_cast<std::size_t>(n));
   return elements;
+}
+
+// An element of a state, by how much it is strained; ties fall to what comes first.
+struct Strained {
+  double strain;
+  Index t, element;
+  bool operator<(const Strained& other) const {
+    return std::tie(other.strain, t, element) < std::tie(strain, other.t, other.element);
+  }
+};
+
+// The n most strained of all elements of every kExtremeStride-th state of a trajectory, by state.
+constexpr Index kExtremeStride = 2;
+std::vector<Strained> most_strained(const fem::TetMesh<double>& mesh, const Trajectory& trajectory,
+                                    Index n, ad::Tape<double>& tape) {
+  const auto size = static_cast<std::size_t>(n);
+  std::vector<Strained> found;
+  Matrix<double> x(mesh.n_vertices(), 3);
+  double least = 0;  // strain of the last of those that are kept
+  const auto keep_best = [&] {
+    if (found.size() <= size) return;
+    std::nth_element(found.begin(), found.begin() + n - 1, found.end());
+    found.resize(size);
+    least = found.back().strain;
+  };
+  for (Index t = 1; t <= trajectory.frames(); t += kExtremeStride) {
+    trajectory.read_x<double>(t, x);
+    tape.clear();
+    const Matrix<double> strain = strain_of(fem::deformation_gradient(mesh, tape.constant(x)));
+    for (Index e = 0; e < strain.rows(); ++e)
+      if (strain(e, 0) > least) found.push_back({strain(e, 0), t, e});
+    if (found.size() > 4 * size) keep_best();
+  }
+  keep_best();
+  std::sort(found.begin(), found.end(), [](const Strained& a, const Strained& b) {
+    return std::tie(a.t, a.element) < std::tie(b.t, b.element);
+  });
+  return found;
 }
 
 class PairsLoss : public TrainingLoss {
@@ -47,33 +91,41 @@ class PairsLoss : public TrainingLoss {
     const fem::TetMesh<double>& mesh = dataset.mesh();
     const auto law = fem::make_law<double>(dataset.manifest().physics.material);
 
-    // The pool: from each of `frames` random states an equal number of elements.
-    const Index per_frame = std::min(mesh.n_tets(), std::max<Index>(1, stage.pool / stage.frames));
+    // The pool: from each of `frames` random states an equal number of elements, then the extremes
+    // of each trajectory.
+    const auto n_trajectories = static_cast<Index>(trajectories.size());
+    const auto per_trajectory = static_cast<Index>(stage.extreme * static_cast<double>(stage.pool) /
+                                                   static_cast<double>(n_trajectories));
+    const Index at_random = stage.pool - n_trajectories * per_trajectory;
+    const Index per_frame = std::min(mesh.n_tets(), std::max<Index>(1, at_random / stage.frames));
     const auto n_strained = static_cast<Index>(stage.strained * static_cast<double>(per_frame));
-    z_.resize(stage.frames * per_frame, StressNet<double>::kFeatures);
-    target_.resize(z_.rows(), 9);
-    weight_.resize(z_.rows(), 1);
+    const Index room = stage.frames * per_frame + n_trajectories * per_trajectory;
+    z_.resize(room, StressNet<double>::kFeatures);
+    target_.resize(room, 9);
+    weight_.resize(room, 1);
     ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
     Matrix<double> x(mesh.n_vertices(), 3);
+    const auto deformation = [&](const Trajectory& trajectory, Index t) {
+      trajectory.read_x<double>(t, x);
+      tape.clear();
+      return fem::deformation_gradient(mesh, tape.constant(x));
+    };
     for (Index k = 0; k < stage.frames; ++k) {
       const Random draw = random_.split("state").split(static_cast<std::uint64_t>(k));
       const Trajectory& trajectory = *trajectories[draw.below(0, trajectories.size())];
-      trajectory.read_x<double>(
-          static_cast<Index>(draw.below(1, static_cast<std::uint64_t>(trajectory.frames()) + 1)),
-          x);
-      tape.clear();
-      const ad::Var<double> all = fem::deformation_gradient(mesh, tape.constant(x));
-      const ad::Var<double> F =
-          ad::gather_rows(all, choose_elements(all, per_frame, n_strained, draw.split("elements")));
-      const auto features = StressNet<double>::features(F);
-      const auto P = law->stress(F).value();
-      z_.middleRows(k * per_frame, per_frame) = features.z.value().cast<float>();
-      for (Index e = 0; e < per_frame; ++e) {
-        const Mat3<double> rotated = load_mat3<double>(features.R.value(), e).transpose() *
-                                     load_mat3<double>(P, e) / model.stress.scale();
-        const Index row = k * per_frame + e;
-        store_mat3<float>(target_, row, rotated.cast<float>());
-        weight_(row, 0) = static_cast<float>(1 / std::sqrt(1 + rotated.squaredNorm() / 9));
+      const auto t =
+          static_cast<Index>(draw.below(1, static_cast<std::uint64_t>(trajectory.frames()) + 1));
+      const ad::Var<double> F = deformation(trajectory, t);
+      add(F, choose_elements(F, per_frame, n_strained, draw.split("elements")), *law, stage.turned);
+    }
+    for (const Trajectory* trajectory : trajectories) {
+      if (per_trajectory == 0) break;
+      const std::vector<Strained> found = most_strained(mesh, *trajectory, per_trajectory, tape);
+      for (auto begin = found.begin(); begin != found.end();) {
+        std::vector<Index> elements;
+        const Index t = begin->t;
+        for (; begin != found.end() && begin->t == t; ++begin) elements.push_back(begin->element);
+        add(deformation(*trajectory, t), elements, *law, stage.turned);
       }
     }
   }
@@ -84,7 +136,7 @@ class PairsLoss : public TrainingLoss {
     MatrixMap<float> weight = tape.allocate(batch_, 1);
     for (Index i = 0; i < batch_; ++i) {
       const auto row = static_cast<Index>(
-          draw.below(static_cast<std::uint64_t>(i), static_cast<std::uint64_t>(z_.rows())));
+          draw.below(static_cast<std::uint64_t>(i), static_cast<std::uint64_t>(n_pairs_)));
       for (Index c = 0; c < z_.cols(); ++c) z(i, c) = z_(row, c);
       for (Index c = 0; c < 9; ++c) target(i, c) = target_(row, c);
       weight(i, 0) = weight_(row, 0);
@@ -95,8 +147,32 @@ class PairsLoss : public TrainingLoss {
   }
 
  private:
+  // Pairs of elements of a state.
+  void add(ad::Var<double> all, const std::vector<Index>& elements,
+           const fem::ConstitutiveLaw<double>& law, double turned) {
+    const ad::Var<double> seen = ad::gather_rows(all, elements);
+    Matrix<double> FQ = seen.value();
+    const Random turns = random_.split("turn");
+    for (Index e = 0; e < FQ.rows(); ++e) {
+      const auto row = static_cast<std::uint64_t>(n_pairs_ + e);
+      const Random turn = turns.split(row);
+      if (turn.split("whether").uniform(0) >= turned) continue;
+      store_mat3<double>(FQ, e, load_mat3<double>(FQ, e) * random_rotation(turn));
+    }
+    const ad::Var<double> F = all.tape().constant(FQ);
+    const auto features = StressNet<double>::features(F);
+    const auto P = law.stress(F).value();
+    z_.middleRows(n_pairs_, F.rows()) = features.z.value().cast<float>();
+    for (Index e = 0; e < F.rows(); ++e, ++n_pairs_) {
+      const Mat3<double> rotated = load_mat3<double>(features.R.value(), e).transpose() *
+                                   load_mat3<double>(P, e) / model_.stress.scale();
+      store_mat3<float>(target_, n_pairs_, rotated.cast<float>());
+      weight_(n_pairs_, 0) = static_cast<float>(1 / std::sqrt(1 + rotated.squaredNorm() / 9));
+    }
+  }
+
   const Model<float>& model_;
-  Index batch_;
+  Index batch_, n_pairs_ = 0;
   Random random_;
   // #pool x 13; x 9: R^T P* / scale; x 1: the square root of w.
   Matrix<float> z_, target_, weight_;

@@ -5,6 +5,7 @@
 
 #include "base/check.h"
 #include "nmp/metrics.h"
+#include "nmp/setting.h"
 
 namespace nmp {
 
@@ -41,17 +42,8 @@ Playback play_back(const Model<float>& model, const Dataset& dataset, const Traj
   const Manifest& manifest = dataset.manifest();
   const fem::Physics& physics = manifest.physics;
   const Index n_vertices = dataset.mesh().n_vertices(), n_frames = truth.frames();
-  const fem::TetMesh<float> mesh = dataset.mesh().cast<float>();
-  std::optional<float> ground;
-  if (physics.ground) ground = static_cast<float>(*physics.ground);
-  const auto boundary = fem::make_boundary<float>(mesh, physics.pinned, ground);
-  const Simulation<float> simulation{mesh,
-                                     model.stress,
-                                     model.integration,
-                                     boundary,
-                                     static_cast<float>(manifest.h),
-                                     1,
-                                     static_cast<float>(model.info.stagger)};
+  const Setting<float> setting(dataset);
+  const Simulation<float> simulation = setting.simulation(model);
   Playback result;
   result.trajectory = truth.name();
   result.h = manifest.h;

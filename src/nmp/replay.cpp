@@ -3,10 +3,10 @@
 #include <cmath>
 
 #include "fem/laws.h"
-#include "fem/semi_implicit_euler.h"
 #include "fem/stability.h"
 #include "nmp/metrics.h"
 #include "nmp/model.h"
+#include "nmp/setting.h"
 
 namespace nmp {
 
@@ -64,9 +64,6 @@ Index count_substeps(double h, const std::optional<double>& dt) {
   return static_cast<Index>(n);
 }
 
-// s of a record made at step dt, seen at another step: (1 - dt/step)/2, 1/2 if dt is unknown.
-double stagger_at(const Manifest& manifest, double step) { return (1 - manifest.dt / step) / 2; }
-
 // Frames are kept until it is known how many there are.
 struct Kept {
   Matrix<float> x, v, f_int;
@@ -81,21 +78,22 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
   const fem::Physics& physics = manifest.physics;
   const Trajectory& record = choose(dataset, o);
   const Index n_frames = o.frames > 0 ? o.frames : record.frames();
-  const Index substeps = count_substeps(manifest.h, o.dt);
-  const double step = manifest.h / static_cast<double>(substeps);
+
+  const Setting<Real> setting(dataset);
 
   // The two seams.
   std::optional<Model<Real>> model;
   if (!o.model.empty()) model.emplace(load_model<Real>(o.model));
   std::unique_ptr<fem::ConstitutiveLaw<Real>> analytic;
   if (!neural_law(o)) analytic = fem::make_law<Real>(material(o, manifest));
-  const fem::SemiImplicitEuler<Real> euler(physics.material.density, physics.gravity);
   const fem::ConstitutiveLaw<Real>& law = analytic ? *analytic : model->stress;
   const fem::Integrator<Real>& integrator =
-      neural_integrator(o) ? static_cast<const fem::Integrator<Real>&>(model->integration) : euler;
+      neural_integrator(o) ? static_cast<const fem::Integrator<Real>&>(model->integration)
+                           : setting.euler();
 
-  // A model that was trained in the paper's literal loop is rolled out in it.
-  const double stagger = model && model->info.stagger == 0 ? 0 : stagger_at(manifest, step);
+  const Index substeps =
+      neural_integrator(o) ? model->info.substeps : count_substeps(manifest.h, o.dt);
+  const double step = manifest.h / static_cast<double>(substeps);
   if (neural_integrator(o) && o.warn && std::abs(model->info.h - manifest.h) > 1e-9 * manifest.h)
     o.warn(text("the model was trained at h = ", model->info.h, " s, this dataset has ", manifest.h,
                 " s"));
@@ -107,23 +105,17 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
     if (!warning.empty()) o.warn(warning);
   }
 
-  const fem::TetMesh<Real> mesh = dataset.mesh().cast<Real>();
-  std::optional<Real> ground;
-  if (physics.ground) ground = static_cast<Real>(*physics.ground);
-  const auto boundary = fem::make_boundary<Real>(mesh, physics.pinned, ground);
-  const Simulation<Real> simulation{mesh,
-                                    law,
-                                    integrator,
-                                    boundary,
-                                    static_cast<Real>(step),
-                                    substeps,
-                                    static_cast<Real>(stagger),
-                                    o.strict};
+  // A model that was trained in the paper's literal loop is rolled out in it.
+  const double stagger = model ? setting.stagger(model->info, substeps) : dataset.stagger(substeps);
+  Simulation<Real> simulation = setting.simulation(law, integrator, stagger, substeps);
+  simulation.strict = o.strict;
+  const fem::TetMesh<Real>& mesh = setting.mesh();
 
   std::vector<Kept> kept;
   Replay result;
   result.trajectory = record.name();
   Matrix<double> x(mesh.n_vertices(), 3), x_true(mesh.n_vertices(), 3);
+  bool watch_range = neural_law(o) && o.warn && model->info.range.known();
   const auto show = [&](const Frame<Real>& frame) {
     if (!o.output.empty())
       kept.push_back({frame.x.template cast<float>(), frame.v.template cast<float>(),
@@ -132,6 +124,17 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
       x = frame.x.template cast<double>();
       record.read_x<double>(frame.t, x_true);
       result.rmse.push_back(rmse(x, x_true));
+    }
+    if (watch_range) {
+      const StrainRange range = strain_range(dataset.mesh(), frame.x.template cast<double>());
+      if (model->info.range.exceeded_by(range)) {
+        watch_range = false;
+        o.warn(text("frame ", frame.t, ": stretches of ", range.stretch_min, " ... ",
+                    range.stretch_max, ", det F of ", range.det_min, " ... ", range.det_max,
+                    " go beyond the training's (", model->info.range.stretch_min, " ... ",
+                    model->info.range.stretch_max, ", ", model->info.range.det_min, " ... ",
+                    model->info.range.det_max, "): the learned law is a guess there"));
+      }
     }
     result.end.frames = frame.t;
     if (o.progress) o.progress(static_cast<double>(frame.t) / static_cast<double>(n_frames));

@@ -4,12 +4,11 @@
 #include "autodiff/checkpoint.h"
 #include "autodiff/ops_basic.h"
 #include "autodiff/ops_loss.h"
-#include "fem/laws.h"
-#include "fem/semi_implicit_euler.h"
 #include "fem/step.h"
 #include "fem/volume_penalty.h"
 #include "nmp/affine_fit.h"
 #include "nmp/rollout.h"
+#include "nmp/setting.h"
 #include "nmp/training_loss.h"
 #include "nn/schedule.h"
 
@@ -109,17 +108,14 @@ class RolloutLoss : public TrainingLoss {
         trajectories_(trajectories),
         stage_(stage),
         learned_(learned),
-        mesh_(dataset.mesh().cast<float>()),
-        boundary_(make_boundary()),
-        euler_(dataset.manifest().physics.material.density, dataset.manifest().physics.gravity),
+        setting_(dataset),
+        mesh_(setting_.mesh()),
         plan_(plan_segments(trajectories, stage, Random(seed).split("segments"))),
         variances_(dataset_variances(trajectories, mesh_.n_vertices())) {
     if (learned != Learned::both && !dataset.manifest().law_known)
       throw ConfigError(
           "training one module through its analytic twin needs a dataset whose law and "
           "density are known");
-    if (learned == Learned::integrator)
-      law_ = fem::make_law<float>(dataset.manifest().physics.material);
     has_force_ = variances_.f > 0;
     if (learned == Learned::law && !has_force_)
       throw InputError("the law is trained on f_int, which the training trajectories do not hold");
@@ -152,24 +148,12 @@ class RolloutLoss : public TrainingLoss {
   }
 
  private:
-  fem::Boundary<float> make_boundary() const {
-    const fem::Physics& physics = dataset_.manifest().physics;
-    std::optional<float> ground;
-    if (physics.ground) ground = static_cast<float>(*physics.ground);
-    return fem::make_boundary<float>(mesh_, physics.pinned, ground);
-  }
-
   Simulation<float> simulation() const {
-    const fem::ConstitutiveLaw<float>& net_law = model_.stress;
-    const fem::Integrator<float>& net_integrator = model_.integration;
-    const fem::Integrator<float>& euler = euler_;
-    return {mesh_,
-            learned_ == Learned::integrator ? *law_ : net_law,
-            learned_ == Learned::law ? euler : net_integrator,
-            boundary_,
-            static_cast<float>(dataset_.manifest().h),
-            1,
-            static_cast<float>(model_.info.stagger)};
+    const fem::ConstitutiveLaw<float>& law = model_.stress;
+    const fem::Integrator<float>& integrator = model_.integration;
+    return setting_.simulation(learned_ == Learned::integrator ? setting_.law() : law,
+                               learned_ == Learned::law ? setting_.euler() : integrator,
+                               model_.info);
   }
 
   // One step from the state `in` = (x, v), or (x, v, f_int): the losses at that state and the next
@@ -178,7 +162,7 @@ class RolloutLoss : public TrainingLoss {
   ad::Vars<float> step(const Trajectory& truth, Index t, bool first, bool last,
                        const ad::Vars<float>& in) {
     const Simulation<float> simulation = this->simulation();
-    const fem::StepContext<float> context{mesh_, simulation.h, boundary_};
+    const fem::StepContext<float> context{mesh_, simulation.h, simulation.boundary};
     const ad::Var<float> x = in[0], v = in[1];
     const ad::Var<float> f_int = in.size() > 2 ? in[2] : simulation.law.internal_force(mesh_, x);
     const ad::Var<float> dv = simulation.integrator.dv(context, x, v, f_int);
@@ -187,14 +171,15 @@ class RolloutLoss : public TrainingLoss {
     truth.read_v<float>(t, v_true_);
     ad::Tape<float>& tape = x.tape();
     ad::Var<float> loss = tape.constant(Matrix<float>::Zero(1, 1));
-    const auto add_term = [&](ad::Var<float> error, double variance) {
+    const auto add_term = [&](ad::Var<float> error, double variance, double weight = 1) {
       const double n = static_cast<double>(mesh_.n_vertices());
-      loss =
-          ad::add(loss, ad::scale(ad::squared_norm(error), static_cast<float>(1 / (n * variance))));
+      loss = ad::add(
+          loss, ad::scale(ad::squared_norm(error), static_cast<float>(weight / (n * variance))));
     };
-    if (learned_ != Learned::integrator && has_force_) {
+    const double force_weight = learned_ == Learned::both ? stage_.force_weight : 1;
+    if (learned_ != Learned::integrator && has_force_ && force_weight > 0) {
       truth.read_force<float>(t, f_true_);
-      add_term(ad::subtract(f_int, tape.constant(f_true_)), variances_.f);
+      add_term(ad::subtract(f_int, tape.constant(f_true_)), variances_.f, force_weight);
     }
     if (!first) {
       add_term(ad::subtract(x, tape.constant(x_true_)), variances_.dx);
@@ -211,7 +196,12 @@ class RolloutLoss : public TrainingLoss {
       }
     }
     if (last) return {loss};
-    const fem::Contact<float> next = fem::advance(context, x, v, dv);
+    fem::Contact<float> next = fem::advance(context, x, v, dv);
+    for (Index k = 1; k < simulation.substeps; ++k) {
+      const ad::Var<float> f = simulation.law.internal_force(mesh_, next.x);
+      next = fem::advance(context, next.x, next.v,
+                          simulation.integrator.dv(context, next.x, next.v, f));
+    }
     return {next.x, next.v, loss};
   }
 
@@ -223,7 +213,7 @@ class RolloutLoss : public TrainingLoss {
         touching(dataset_.manifest(), x_true_.cast<double>(), v_true_.cast<double>());
     for (Index i = 0; i < mask.rows(); ++i)
       if (touch[static_cast<std::size_t>(i)]) mask(i, 2) = 0;
-    for (const int i : boundary_.pinned) mask.row(i).setZero();
+    for (const int i : setting_.boundary().pinned) mask.row(i).setZero();
     return tape.constant(mask);
   }
 
@@ -232,10 +222,8 @@ class RolloutLoss : public TrainingLoss {
   Trajectories trajectories_;
   StageConfig stage_;
   Learned learned_;
-  fem::TetMesh<float> mesh_;
-  fem::Boundary<float> boundary_;
-  fem::SemiImplicitEuler<float> euler_;
-  std::unique_ptr<fem::ConstitutiveLaw<float>> law_;
+  Setting<float> setting_;
+  const fem::TetMesh<float>& mesh_;
   std::vector<Segment> plan_;
   Variances variances_;
   bool has_force_ = false;

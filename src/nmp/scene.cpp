@@ -1,11 +1,11 @@
 #include "nmp/scene.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <limits>
 
 #include "base/check.h"
 #include "nmp/config.h"
+#include "nmp/random_rotation.h"
 #include "nmp/shipped.h"
 
 namespace nmp {
@@ -61,6 +61,9 @@ void exchange(Config& config, Scene& s) {
   s.clearance = config.number_or_none("initial.clearance", s.clearance, 0, 1e6);
   s.v_min = config.vector("initial.v_min", s.v_min);
   s.v_max = config.vector("initial.v_max", s.v_max);
+  s.speed_min = config.number_or_none("initial.speed_min", s.speed_min, 0, 1e6);
+  s.speed_max = config.number_or_none("initial.speed_max", s.speed_max, 0, 1e6);
+  s.spin = config.number("initial.spin", s.spin, 0, 1e6);
 
   s.dt = config.number("time.dt", s.dt, s.shape == "file" ? 0 : 1e-12, 1);
   s.substeps = config.integer("time.substeps", s.substeps, 1, 1'000'000);
@@ -151,6 +154,7 @@ Scene parse_scene(const std::string& text, const std::string& origin,
       config.fail("initial.random_orientation", "expected false " + why + ", found true");
     }
     if (scene.clearance) config.fail("initial.clearance", "expected \"none\" " + why);
+    if (scene.spin > 0) config.fail("initial.spin", "expected 0 " + why);
   }
   if (scene.clearance && !scene.physics.ground) {
     config.fail("initial.clearance", "expected \"none\" where contact.ground is \"none\"");
@@ -158,6 +162,11 @@ Scene parse_scene(const std::string& text, const std::string& origin,
   if ((scene.v_min.array() > scene.v_max.array()).any()) {
     config.fail(config.has("initial.v_min") ? "initial.v_min" : "initial.v_max",
                 "expected v_min at most v_max in each component");
+  }
+  if (scene.speed_min.has_value() != scene.speed_max.has_value() ||
+      (scene.speed_min && *scene.speed_min > *scene.speed_max)) {
+    config.fail(config.has("initial.speed_min") ? "initial.speed_min" : "initial.speed_max",
+                "expected both speed_min and speed_max, the former at most the latter");
   }
   if (scene.train + scene.validation == 0) {
     config.fail("dataset.train", "expected at least one trajectory in train and validation");
@@ -194,10 +203,7 @@ fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>&
   fem::State<double> state{mesh.vertices(), Matrix<double>(mesh.n_vertices(), 3)};
 
   if (scene.random_orientation && pinned.empty()) {
-    // Four normals are a direction in 4 dimensions without preference: a uniform unit quaternion.
-    const Random draw = random.split("orientation");
-    const Eigen::Quaterniond q(draw.normal(0), draw.normal(1), draw.normal(2), draw.normal(3));
-    const Mat3<double> R = q.normalized().toRotationMatrix();
+    const Mat3<double> R = random_rotation(random.split("orientation"));
     // x = R (X - c) + c, with c the centre of mass.
     const Vec3<double> c =
         mesh.vertices().transpose() * mesh.vertex_volumes() / mesh.total_volume();
@@ -210,9 +216,20 @@ fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>&
   }
 
   const Random draw = random.split("velocity");
-  for (Index i = 0; i < 3; ++i) {
-    state.v.col(i).setConstant(
-        draw.uniform(static_cast<std::uint64_t>(i), scene.v_min(i), scene.v_max(i)));
+  Vec3<double> velocity;
+  for (Index i = 0; i < 3; ++i)
+    velocity[i] = draw.uniform(static_cast<std::uint64_t>(i), scene.v_min(i), scene.v_max(i));
+  if (scene.speed_min)
+    velocity = draw.uniform(3, *scene.speed_min, *scene.speed_max) *
+               random_direction(random.split("direction"));
+  state.v.rowwise() = velocity.transpose();
+  if (scene.spin > 0) {
+    const Random spin = random.split("spin");
+    const Vec3<double> omega =
+        spin.uniform(3, 0, scene.spin) * random_direction(spin.split("axis"));
+    const Vec3<double> c = state.x.transpose() * mesh.vertex_volumes() / mesh.total_volume();
+    for (Index i = 0; i < state.x.rows(); ++i)
+      state.v.row(i) += omega.cross(Vec3<double>(state.x.row(i).transpose()) - c).transpose();
   }
   for (const int vertex : pinned) state.v.row(vertex).setZero();
   return state;

@@ -49,6 +49,9 @@ struct Scene {
   bool random_orientation = true;                  // uniform on SO(3)
   std::optional<double> clearance = 0.1;           // lowest vertex above the ground [m]
   Vec3<double> v_min{-2, -2, -3}, v_max{2, 2, 1};  // one velocity for the whole body [m/s]
+  /// In place of v_min and v_max: any direction, a speed uniform between these [m/s].
+  std::optional<double> speed_min, speed_max;
+  double spin = 0;  // about any axis through the centre of mass, uniform up to this [rad/s]
 
   // [time]
   double dt = 1e-5;     // substep [s]; 0: chosen for the mesh (recorded_scene), a file's default

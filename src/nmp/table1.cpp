@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "base/check.h"
+#include "nmp/body.h"
 #include "nmp/data_gen.h"
 #include "nmp/paper_results.h"
 
@@ -94,6 +95,10 @@ Table1 reproduce_table1(const Table1Options& options) {
     if (std::find(table1_scenes().begin(), table1_scenes().end(), scene) == table1_scenes().end())
       throw ConfigError("Table 1 has the scenes cube, cubexl, spot and bob, not '" + scene + "'");
     models.push_back(load_model<float>(options.models / (scene + ".safetensors")));
+    Scene settings = read_scene(scene);
+    settings.mesh_folders.insert(settings.mesh_folders.end(), options.mesh_folders.begin(),
+                                 options.mesh_folders.end());
+    if (!settings.mesh_file.empty()) find_mesh(settings);
   }
 
   Table1 table;

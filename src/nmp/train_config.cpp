@@ -41,6 +41,8 @@ void exchange(Config& config, const std::string& table, Stage stage, StageConfig
   if (stage == Stage::constitutive) {
     s.frames = config.integer(key("frames"), s.frames, 1, kMaxCount);
     s.strained = config.number(key("strained"), s.strained, 0, 1);
+    s.extreme = config.number(key("extreme"), s.extreme, 0, 1);
+    s.turned = config.number(key("turned"), s.turned, 0, 1);
     s.pool = config.integer(key("pool"), s.pool, 1, kMaxCount);
   }
   if (stage == Stage::integration) {
@@ -52,10 +54,12 @@ void exchange(Config& config, const std::string& table, Stage stage, StageConfig
   s.reset_start = config.integer(key("reset_start"), s.reset_start, 1, kMaxCount);
   s.reset_end = config.integer(key("reset_end"), s.reset_end, 1, kMaxCount);
   if (stage == Stage::joint) {
+    s.force_weight = config.number(key("force_weight"), s.force_weight, 0, 1e12);
     s.volume_weight = config.number(key("volume_weight"), s.volume_weight, 0, 1e12);
     s.volume_epsilon = config.number(key("volume_epsilon"), s.volume_epsilon, 1e-9, 1);
   }
   s.select_every = config.integer(key("select_every"), s.select_every, 0, kMaxCount);
+  s.keep = config.choice(key("keep"), s.keep, {"best", "last"});
 }
 
 template <class Config>
@@ -64,6 +68,7 @@ void exchange(Config& config, TrainConfig& c) {
   c.seed = static_cast<std::uint64_t>(
       config.integer("seed", static_cast<std::int64_t>(c.seed), 0, kMaxSeed));
   c.staggered = config.boolean("staggered", c.staggered);
+  c.substeps = config.integer("substeps", c.substeps, 1, 1000);
   c.select = config.integer("select", c.select, 0, 100'000);
   c.skip_non_finite = config.integer("skip_non_finite", c.skip_non_finite, 0, kMaxCount);
 

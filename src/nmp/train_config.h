@@ -34,14 +34,18 @@ struct StageConfig {
   double clip = 1;         // of the gradient norm
   Index frames = 256;      // pairs: states from which pairs are drawn
   double strained = 0.25;  // pairs: part of them that are the most strained elements of a state
-  Index pool = 1000000;    // pairs: elements kept from them, each state an equal part
+  double extreme = 0;      // pairs: part of the pool that are the most strained of each trajectory
+  double turned = 0;       // pairs: part of them seen from a reference frame turned at random
+  Index pool = 1000000;    // pairs: elements kept, each state an equal part
   Index window_start = 20, window_end = 100;  // windows: frames
   Index fit_window = 100;          // affine form: frames of the windows of the closed-form fit
   double residual_penalty = 1e-4;  // times the mean square of the residual, scaled
   Index reset_start = 60, reset_end = 200;  // rollout: steps between resets to the truth
+  double force_weight = 1;                  // joint: weight of |f - f*|^2
   double volume_weight = 0.1;               // joint: weight of the volume hinge
   double volume_epsilon = 0.05;             // joint: its width
-  Index select_every = 0;  // iterations between trials of the weights; 0: at the end only
+  Index select_every = 0;     // iterations between trials of the weights; 0: at the end only
+  std::string keep = "best";  // of the weights tried: "best", those of step 0 too, or "last"
 };
 
 /// A training file. Every key is optional; without iterations or epochs a stage is skipped.
@@ -57,6 +61,7 @@ struct TrainConfig {
   std::string name = "fast";
   std::uint64_t seed = 1;
   bool staggered = true;      // velocity convention of design.md section 2
+  Index substeps = 1;         // steps of a rollout per frame, for meshes too stiff for a step of h
   Index select = 1;           // training trajectories set aside for choosing the best weights
   Index skip_non_finite = 0;  // non-finite updates in a row that are skipped before stopping
   StressNetConfig stress;

@@ -6,10 +6,10 @@
 
 #include "fem/deformation_gradient.h"
 #include "fem/laws.h"
-#include "fem/semi_implicit_euler.h"
 #include "nmp/affine_fit.h"
 #include "nmp/metrics.h"
 #include "nmp/rollout.h"
+#include "nmp/setting.h"
 #include "nmp/training_loss.h"
 #include "nn/adam.h"
 #include "nn/schedule.h"
@@ -69,6 +69,7 @@ IntegrationScales integration_scales(const Dataset& dataset, bool raw_force) {
 
 struct StressScales {
   double P, z;
+  StrainRange range;
 };
 
 // rms of an entry of the true stress (without a known law, of force per face area), and of z.
@@ -80,12 +81,14 @@ StressScales stress_scales(const Dataset& dataset) {
   ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
   Matrix<double> batch(mesh.n_vertices(), 3);
   double sum_P = 0, n_P = 0, sum_z = 0, n_z = 0;
+  StrainRange range;
   for (const Trajectory& trajectory : dataset.train()) {
     for (Index t = 0; t <= trajectory.frames(); t += kScaleStride) {
       tape.clear();
       trajectory.read_x<double>(t, batch);
       const auto F = fem::deformation_gradient(mesh, tape.constant(batch));
       const auto z = StressNet<double>::features(F).z.value();
+      range.include(range_of_features(z));
       sum_z += z.squaredNorm();
       n_z += static_cast<double>(z.size());
       if (law) {
@@ -99,7 +102,7 @@ StressScales stress_scales(const Dataset& dataset) {
       }
     }
   }
-  return {rms("stress", sum_P, n_P), rms("x", sum_z, n_z)};
+  return {rms("stress", sum_P, n_P), rms("x", sum_z, n_z), range};
 }
 
 // -- a training run
@@ -109,15 +112,7 @@ class Run {
  public:
   Run(Model<float>& model, const Dataset& dataset, const TrainConfig& config,
       const TrainOptions& options)
-      : model_(model),
-        dataset_(dataset),
-        config_(config),
-        options_(options),
-        physics_(dataset.manifest().physics),
-        mesh_(dataset.mesh().cast<float>()),
-        boundary_(fem::make_boundary<float>(mesh_, physics_.pinned, ground())),
-        euler_(physics_.material.density, physics_.gravity) {
-    if (dataset.manifest().law_known) law_ = fem::make_law<float>(physics_.material);
+      : model_(model), dataset_(dataset), config_(config), options_(options), setting_(dataset) {
     const auto n = static_cast<Index>(dataset.train().size());
     if (n == 0) throw InputError(dataset.folder().string() + ": there is no training trajectory");
     if (config.select >= n)
@@ -145,11 +140,6 @@ class Run {
   }
 
  private:
-  std::optional<float> ground() const {
-    if (!physics_.ground) return std::nullopt;
-    return static_cast<float>(*physics_.ground);
-  }
-
   void say(const std::string& sentence) const {
     if (options_.say) options_.say(sentence);
   }
@@ -174,7 +164,7 @@ class Run {
             ? make_pairs_loss(model_, dataset_, learn_, stage, config_.seed)
             : make_rollout_loss(model_, dataset_, learn_, stage, Learned::law, config_.seed);
     optimise({"constitutive", "neural law, semi-implicit Euler"}, stage, *loss,
-             model_.stress.parameters(), simulation(model_.stress, euler_));
+             model_.stress.parameters(), simulation(model_.stress, setting_.euler()));
   }
 
   // Stage 1b: the integrator, with the analytic law beside it. The affine part comes first, in
@@ -195,7 +185,7 @@ class Run {
            {"residual", fit.residual}});
     }
     if (done("integration", stage)) return;
-    if (!law_)
+    if (!setting_.law_known())
       throw ConfigError(
           "the integration stage needs a dataset whose law is known: its rollouts use it");
     const auto loss =
@@ -203,7 +193,7 @@ class Run {
             ? make_windows_loss(model_, dataset_, learn_, stage, config_.seed)
             : make_rollout_loss(model_, dataset_, learn_, stage, Learned::integrator, config_.seed);
     optimise({"integration", "analytic law, neural integrator"}, stage, *loss,
-             model_.integration.parameters(), simulation(*law_, model_.integration));
+             model_.integration.parameters(), simulation(setting_.law(), model_.integration));
   }
 
   // Stage 2: both together, with the volume hinge.
@@ -228,13 +218,7 @@ class Run {
 
   Simulation<float> simulation(const fem::ConstitutiveLaw<float>& law,
                                const fem::Integrator<float>& integrator) const {
-    return {mesh_,
-            law,
-            integrator,
-            boundary_,
-            static_cast<float>(dataset_.manifest().h),
-            1,
-            static_cast<float>(model_.info.stagger)};
+    return setting_.simulation(law, integrator, model_.info);
   }
 
   // Root mean square over the frames of the set-aside trajectories of a rollout's RMSE [m].
@@ -285,7 +269,7 @@ class Run {
       save();
       try {
         if (time_for_trial && report.iterations != state_.tried)
-          try_weights(parameters, simulation);
+          try_weights(stage, parameters, simulation);
       } catch (const Interrupted&) {
       }
       nn::set_values(parameters, state_.best);
@@ -302,7 +286,7 @@ class Run {
           last || (stage.select_every > 0 && report.iterations % stage.select_every == 0);
       if (trial_due && report.iterations != state_.tried) {
         try {
-          try_weights(parameters, simulation);
+          try_weights(stage, parameters, simulation);
         } catch (const Interrupted&) {
           stop(false);
         }
@@ -399,12 +383,12 @@ class Run {
     return event;
   }
 
-  void try_weights(const nn::ParameterList<float>& parameters,
+  void try_weights(const StageConfig& stage, const nn::ParameterList<float>& parameters,
                    const Simulation<float>& simulation) {
     StageReport& report = state_.report;
     report.rmse_after = trial(simulation);
     state_.tried = report.iterations;
-    if (!(report.rmse_after < report.rmse_kept)) return;
+    if (stage.keep == "best" && !(report.rmse_after < report.rmse_kept)) return;
     report.rmse_kept = report.rmse_after;
     report.kept = report.iterations;
     state_.best = nn::values(parameters);
@@ -465,11 +449,7 @@ class Run {
   const Dataset& dataset_;
   const TrainConfig& config_;
   const TrainOptions& options_;
-  fem::Physics physics_;
-  fem::TetMesh<float> mesh_;
-  fem::Boundary<float> boundary_;
-  fem::SemiImplicitEuler<float> euler_;
-  std::unique_ptr<fem::ConstitutiveLaw<float>> law_;
+  Setting<float> setting_;
   Trajectories learn_, trial_;
   TrainState state_;
   TrainResult result_;
@@ -487,6 +467,8 @@ Model<float> make_model(const TrainConfig& config, const Dataset& dataset) {
   model.integration.set_scales(integration_scales(dataset, model.integration.raw_force()));
   model.info.h = dataset.manifest().h;
   model.info.stagger = config.staggered ? dataset.stagger() : 0;
+  model.info.substeps = config.substeps;
+  model.info.range = stress.range;
   model.info.scene = dataset.manifest().scene_name;
   model.info.dataset = hash_file(dataset.folder() / "manifest.json");
   model.info.config = to_toml(config);

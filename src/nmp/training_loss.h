@@ -24,8 +24,9 @@ using Trajectories = std::vector<const Trajectory*>;
 ///   L = mean w |sym(mlp(z)) - R^T P* / scale|^2 = mean |P - P*|^2 / (scale^2 + |P*|^2 / 9),
 /// w = 1 / (1 + |P* / scale|^2 / 9): absolute for small stresses, relative for large ones, so that
 /// the rare hard impacts do not drown the rest. A part of the pairs are the most strained elements
-/// of their state, without which those impacts are hardly seen. Features and targets are made once,
-/// in double.
+/// of their state or of a whole trajectory, without which those impacts are hardly seen; a part is
+/// F Q with a random rotation Q, since a recording shows the net a hard impact in a few directions
+/// of the body only. Features and targets are made once, in double.
 std::unique_ptr<TrainingLoss> make_pairs_loss(const Model<float>& model, const Dataset& dataset,
                                               const Trajectories& trajectories,
                                               const StageConfig& stage, std::uint64_t seed);
@@ -43,7 +44,8 @@ std::unique_ptr<TrainingLoss> make_windows_loss(const Model<float>& model, const
 enum class Learned {
   law,         // |f - f*|^2 + |x - x*|^2 through semi-implicit Euler      (paper eq. 2)
   integrator,  // |v - v*|^2 + |x - x*|^2 through the analytic law        (paper eq. 2)
-  both,        // all three, + volume_weight mean (hinge(det F - 1) / epsilon)^2   (paper eq. 3)
+  both,  // all three (force_weight |f - f*|^2), + volume_weight mean (hinge(det F - 1) / epsilon)^2
+         // (paper eq. 3)
 };
 
 /// Backpropagation through rollouts that start at the truth and run to the next reset (teacher

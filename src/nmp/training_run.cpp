@@ -18,9 +18,17 @@ struct Start {
   TrainConfig config;
 };
 
-Start make_start(const TrainConfig& config, const Dataset& dataset, const Path& from) {
-  if (from.empty()) return {make_model(config, dataset), config};
-  Start start{load_model<float>(from), config};
+Start make_start(const TrainConfig& config, const Dataset& dataset,
+                 const TrainingRunOptions& options) {
+  if (options.start.empty()) {
+    Start start{make_model(config, dataset), config};
+    if (options.law.empty()) return start;
+    start.model.stress = load_model<float>(options.law).stress;
+    start.config.stress = start.model.stress.config();
+    start.model.info.config = to_toml(start.config);
+    return start;
+  }
+  Start start{load_model<float>(options.start), config};
   // What the model is keeps its place in the configuration that it is saved with.
   start.config.stress = start.model.stress.config();
   start.config.integration = start.model.integration.config();
@@ -82,13 +90,18 @@ TrainingRun run_training(const TrainConfig& config, const Dataset& dataset, cons
   };
 
   // 1. Where it begins.
+  NMP_CHECK(options.start.empty() || options.law.empty(),
+            "a run begins with a whole model or with the law of one, not with both");
   if (!options.resume) check_files(out, options.force);
   Metrics lock(metrics_path(out));  // held for the whole run: no other can write these files
   LogFile& metrics = lock.file();
-  Start start = make_start(config, dataset, options.start);
+  Start start = make_start(config, dataset, options);
   dataset.verify();
   const RunKey key{to_toml(start.config), hash_file(dataset.folder() / "manifest.json"),
-                   options.train.stage, options.start.empty() ? "" : hash_file(options.start)};
+                   options.train.stage,
+                   !options.start.empty() ? hash_file(options.start)
+                   : !options.law.empty() ? "law " + hash_file(options.law)
+                                          : ""};
   TrainState state;
   TrainOptions train_options = options.train;
   Index number = 0;

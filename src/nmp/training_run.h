@@ -10,6 +10,7 @@ namespace nmp {
 struct TrainingRunOptions {
   TrainOptions train;               // its log, save_due, save and resume are set by run_training
   Path start;                       // a trained model to go on from; empty: a new one
+  Path law;                         // a trained model whose stress net a new model gets
   bool resume = false;              // go on where a stopped run of the same settings was
   bool force = false;               // start over, whatever is there
   double checkpoint_minutes = 5;    // between checkpoints; 0: after every step

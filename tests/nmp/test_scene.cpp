@@ -171,6 +171,50 @@ TEST_SUITE("nmp/scene") {
     CHECK(trace_squared / kDraws == doctest::Approx(1).epsilon(0.1));
   }
 
+  TEST_CASE("a speed in any direction, and a spin about the centre of mass") {
+    Scene scene = parse_scene(
+        "[mesh]\nvertices_per_edge = 3\n[initial]\nspeed_min = 3\nspeed_max = 4\nspin = 5\n",
+        "a.toml");
+    CHECK(to_toml(parse_scene(to_toml(scene), "b.toml")) == to_toml(scene));
+    const fem::TetMesh<double> mesh = make_mesh(scene);
+    double slowest = 9, fastest = 0, most_spin = 0;
+    Vec3<double> mean = Vec3<double>::Zero();
+    constexpr int kDraws = 2000;
+    for (int i = 0; i < kDraws; ++i) {
+      const fem::State<double> state = initial_state(scene, mesh, "val", i);
+      const Vec3<double> c = state.x.transpose() * mesh.vertex_volumes() / mesh.total_volume();
+      const Vec3<double> v = state.v.transpose() * mesh.vertex_volumes() / mesh.total_volume();
+      slowest = std::min(slowest, v.norm());
+      fastest = std::max(fastest, v.norm());
+      mean += v / kDraws;
+      // The corner 0 and the far corner move about c as one rigid body does.
+      const Vec3<double> r = Vec3<double>(state.x.row(0).transpose()) - c,
+                         u = Vec3<double>(state.v.row(0).transpose()) - v;
+      REQUIRE(std::abs(r.dot(u)) < 1e-12);
+      const Index far = mesh.n_vertices() - 1;
+      REQUIRE((state.v.row(far).transpose() - v).isApprox(-u, 1e-9));
+      most_spin = std::max(most_spin, u.norm() / r.norm());
+    }
+    CHECK(slowest == doctest::Approx(3).epsilon(1e-2));
+    CHECK(fastest == doctest::Approx(4).epsilon(1e-2));
+    CHECK(mean.norm() < 0.2);
+    CHECK(most_spin <= 5);
+    CHECK(most_spin > 4.5);
+    const auto refusal = [](const std::string& lines) {
+      try {
+        parse_scene("[mesh]\nvertices_per_edge = 3\n[initial]\n" + lines, "a.toml");
+      } catch (const ConfigError& error) {
+        return std::string(error.what());
+      }
+      return std::string();
+    };
+    CHECK(contains(refusal("speed_min = 3\n"), "initial.speed_min"));
+    CHECK(contains(refusal("speed_min = 3\nspeed_max = 2\n"), "speed_max"));
+    CHECK(contains(refusal("random_orientation = false\nclearance = \"none\"\nspin = 1\n"
+                           "[pins]\nvertices = [1]\n"),
+                   "initial.spin"));
+  }
+
   TEST_CASE("a start state is a function of seed, split and index") {
     Scene scene = parse_scene("[mesh]\nvertices_per_edge = 3\n", "a.toml");
     const fem::TetMesh<double> mesh = make_mesh(scene);

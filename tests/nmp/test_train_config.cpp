@@ -36,7 +36,8 @@ TEST_SUITE("nmp/train_config") {
     TrainConfig accurate = read_train_config("accurate");
     CHECK(accurate.constitutive.iterations > fast.constitutive.iterations);
     accurate.name = fast.name;
-    accurate.constitutive.iterations = fast.constitutive.iterations;
+    accurate.select = fast.select;
+    accurate.constitutive = fast.constitutive;
     CHECK(to_toml(accurate) == to_toml(fast));
 
     const TrainConfig paper = read_train_config("paper");

@@ -7,6 +7,7 @@
 #include "base/parallel.h"
 #include "nmp/nets.h"
 #include "nmp/recorded.h"
+#include "nmp/training_loss.h"
 #include "nn/schedule.h"
 
 using namespace nmp;
@@ -243,6 +244,63 @@ TEST_SUITE("nmp/trainer") {
     for (std::size_t k = 450; k < 500; ++k) last += run.events[k].loss / 50;
     CHECK(last <= run.events[0].loss / 1000);
     MESSAGE("loss ", run.events[0].loss, " -> ", last);
+  }
+
+  TEST_CASE("pairs hold the rare extremes of a trajectory, seen from turned reference frames") {
+    // At rest but for a state in the middle, where one corner is pulled out.
+    test::Recording recording;
+    test::Record record;
+    const Matrix<double> rest = recording.mesh.vertices(), zero = 0 * rest;
+    for (Index t = 0; t <= 40; ++t) {
+      Matrix<double> x = rest;
+      if (t == 21) x.row(0) *= 1.5;
+      if (t == 21) x.row(0) -= Eigen::RowVector3d(0.2, 0.1, 0);
+      record.add(x, zero, zero);
+    }
+    recording.train = {record};
+    const test::Folder folder;
+    const Dataset data = test::write_dataset(folder / "data", recording);
+    TrainConfig config = tiny_config();
+    StageConfig stage = config.constitutive;
+    stage.pool = 4000;
+    stage.frames = 2;
+    Model<float> model = make_model(config, data);
+    const auto loss_at = [&](double extreme, double turned) {
+      stage.extreme = extreme;
+      stage.turned = turned;
+      const auto loss = make_pairs_loss(model, data, {&data.train()[0]}, stage, 5);
+      ad::Tape<float> tape;
+      return (*loss)(tape, 0).value()(0, 0);
+    };
+    test::shake(model.stress.parameters(), 9, 0.5);
+    const double other = loss_at(0.5, 1), same = loss_at(0.5, 0);
+    CHECK(std::abs(other - same) > 1e-8);  // the net is not isotropic
+    for (auto* p : model.stress.parameters()) p->mutable_value().setZero();
+    CHECK(loss_at(0, 0) == 0);
+    const double unturned = loss_at(0.5, 0);
+    CHECK(unturned > 1e-3);
+    CHECK(loss_at(0.5, 1) == doctest::Approx(unturned).epsilon(1e-4));  // the law is
+  }
+
+  TEST_CASE("a joint stage can do without forces, and keep its last weights") {
+    const Dataset& data = tiny_dataset();
+    TrainConfig config = tiny_config();
+    config.constitutive.iterations = config.integrate.iterations = 0;
+    config.joint.keep = "last";
+    config.joint.lr = 1e-2;  // far too much
+    const auto weights_after = [&](double force_weight, Index substeps) {
+      config.joint.force_weight = force_weight;
+      config.substeps = substeps;
+      Traced run(config, data);
+      const TrainResult result = train(run.model, data, config, run.options);
+      CHECK(result.stages.back().kept == config.joint.iterations);
+      CHECK(run.model.info.substeps == substeps);
+      return nn::values(run.model.parameters());
+    };
+    const Weights with = weights_after(1, 1), without = weights_after(0, 1),
+                  in_two_steps = weights_after(1, 2);
+    CHECK_FALSE(same(with, without));
+    CHECK_FALSE(same(with, in_two_steps));
   }
 
   TEST_CASE("the three stages bring the error down, and keep to their own weights") {

@@ -1,0 +1,103 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "nmp/dataset.h"
+#include "nmp/model.h"
+#include "nmp/picture.h"
+#include "nmp/report_html.h"
+#include "nmp/rollout.h"
+#include "nmp/scene.h"
+#include "nmp/study.h"
+#include "nmp/train_config.h"
+
+/// What the studies share: data and models made once and kept in the work folder, rollouts
+/// measured, pictures.
+namespace nmp::study {
+
+/// The options of a study with what follows from its scale, and its progress in parts.
+class Context {
+ public:
+  explicit Context(const StudyOptions& options) : options_(options) {}
+
+  bool smoke() const { return options_.scale == Scale::smoke; }
+  Scale scale() const { return options_.scale; }
+  const char* scale_name() const;
+  /// One of three, by the scale.
+  Index pick(Index smoke, Index small, Index paper) const;
+  Index frames() const { return pick(50, 1000, 1000); }
+  Index trajectories() const { return pick(1, 2, 8); }
+  /// The paper's horizons that frames() has; else the last frame.
+  std::vector<Index> horizons() const;
+
+  /// The next part of the work, so much of the whole; reports come through part().
+  void begin(const std::string& what, double share);
+  void part(double done) const;
+
+  /// A scene that ships, its mesh looked for where the options say.
+  Scene scene(const std::string& name) const;
+  /// Its trajectories, made if they are not there.
+  Dataset data(const std::string& folder, const Scene& scene) const;
+  /// The validation trajectories of a scene that ships, those that all commands use.
+  Dataset validation(const std::string& scene) const;
+  /// The training trajectories too, fewer and shorter at smaller scales.
+  Dataset training(const std::string& scene) const;
+
+  Model<float> model(const std::string& scene) const;
+  /// A model trained with a configuration, or found where an earlier call has left it.
+  /// @param stage  of the configuration   @param start  a model to go on from; empty: none
+  Model<float> trained(const std::string& name, const TrainConfig& config, const Dataset& dataset,
+                       const std::string& stage = "all", const Path& start = {}) const;
+  Path model_path(const std::string& scene) const;
+
+ private:
+  const StudyOptions& options_;
+  std::string what_;
+  double begin_ = 0, share_ = 0;
+};
+
+/// Rollouts of a pairing on the first n trajectories of a dataset's validation split.
+struct Measured {
+  std::map<Index, std::vector<double>> rmse;  // by horizon, of each trajectory [m]
+  std::vector<std::vector<double>> curves;    // rmse at every frame of each trajectory [m]
+  Index diverged = 0;
+  double seconds = 0;  // of one rollout, the median
+};
+template <class Real>
+Measured measure(const Context& context, const Simulation<Real>& simulation, const Dataset& dataset,
+                 Index n_trajectories);
+
+double mean(const std::vector<double>& values);
+/// "0.00056 +- 0.0001", "-" of nothing.
+std::string mean_and_spread(const std::vector<double>& values);
+/// "%.3g"
+std::string number(double value);
+
+/// The errors at all horizons, as cells of a table and as JSON: {"100": {"mean":, "std":,
+/// "each":}}.
+std::vector<std::string> cells(const Measured& measured);
+std::string json_of(const Measured& measured);
+
+/// The pinned and the free surface of a dataset's mesh.
+fem::Surface surface_of(const Dataset& dataset);
+/// States of a rollout that pictures are made of: of the last frame, or of frames asked for.
+template <class Real>
+std::map<Index, Matrix<double>> snapshots(const Simulation<Real>& simulation,
+                                          const fem::State<Real>& start,
+                                          const std::vector<Index>& frames);
+/// Distance between vertices, divided by `scale` and limited to 1: to colour by.
+std::vector<double> error_values(const Matrix<double>& x, const Matrix<double>& x_true,
+                                 double scale);
+
+/// Pictures in a row, each with a caption.
+struct Panel {
+  std::string caption, svg;
+};
+std::string panels(const std::vector<Panel>& all);
+/// Errors over time of several methods, the mean over their trajectories.
+std::string curves_figure(const std::string& name, const std::map<std::string, Measured>& all);
+
+}  // namespace nmp::study

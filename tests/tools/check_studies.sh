@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Every study of nmp reproduce at its smallest, with the models that ship: numbers as JSON, a table
+# for people, a section of one report; what was made is found again. Those on BOB and SPOT need
+# NMP_MESHES.
+#   check_studies.sh path/to/nmp path/to/models
+set -u
+models=$(realpath "$2")
+# shellcheck source=tests/tools/program.sh
+source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
+
+declare -A holds=(
+  [trajectories]='"validation": [' [unseen]='"spin": 5.0' [resolution]='"stable_time_step": 0.00'
+  [volume]='"hinge on, 0.1": {' [model-size]='"force_error": ' [interchange]='"stvk": {'
+  [collapse]='"largest_force_ratio": ' [efficiency]='"paper_seconds": 2.25'
+  [failure]='"largest_distance": '
+)
+studies=(trajectories unseen resolution volume model-size)
+if [ -n "${NMP_MESHES-}" ]; then
+  studies+=(interchange collapse efficiency failure)
+else
+  skip "interchange, collapse, efficiency, failure: set NMP_MESHES to a folder with bob.msh, spot.msh"
+fi
+smoke=(--scale smoke --models "$models")
+for study in "${studies[@]}"; do
+  expect 0 reproduce "$study" "${smoke[@]}" --json && is_json
+  prints "\"study\": \"$study\"" && prints '"scale": "smoke"' && prints "${holds[$study]}"
+  grep -q "<section id=\"$study\">" out/reproduce/report.html ||
+    complain "the report has no section on $study"
+done
+[ "$(grep -c '<section id=' out/reproduce/report.html)" -eq ${#studies[@]} ] ||
+  complain "the report has not one section for each of ${#studies[@]} studies"
+grep -q 'nan\|NaN' out/reproduce/report.html && complain "the report holds something not a number"
+
+# Found again: trajectories, a trained model, and the other sections.
+made_at=$(stat -c %Y out/reproduce/cube-smoke-hinge-on.safetensors)
+sleep 1
+expect 0 reproduce volume "${smoke[@]}" && prints "hinge off" && prints "out/reproduce/report.html"
+[ "$(stat -c %Y out/reproduce/cube-smoke-hinge-on.safetensors)" = "$made_at" ] ||
+  complain "a study trained its model again"
+
+expect 5 reproduce unseen --scale smoke --models no_such_folder && says "no_such_folder/cube.safetensors"
+NMP_MESHES='' expect 2 reproduce failure "${smoke[@]}" && says "bob.msh" && says "NMP_MESHES"
+expect 2 reproduce unseen --scale tiny && says "smoke"
+echo '{' >out/reproduce/studies/unseen.json
+expect 3 reproduce trajectories "${smoke[@]}" --json && says "unseen.json"
+finish "${#studies[@]} studies did what they should"
