@@ -40,6 +40,10 @@ std::string to_text(const ModelSummary& s) {
       "\nThe stress law at rest: the isotropic law nearest to it for strains of 0.1 %, from "
       "which its\nstresses differ by " +
       common::number(100 * s.law.misfit) + " %.\n";
+  if (s.range.known())
+    words += "Seen in training: stretches of " + common::number(s.range.stretch_min) + " to " +
+             common::number(s.range.stretch_max) + ", det F of " + common::number(s.range.det_min) +
+             " to " + common::number(s.range.det_max) + ".\n";
   if (!s.density)
     words += "This integrator has no affine part, from which density and gravity could be told.\n";
   return words;

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common.h"
+#include "fem/laws.h"
 #include "nmp/evaluate.h"
 #include "nmp/report.h"
 
@@ -94,6 +95,11 @@ void run(const Options& o) {
   Model<float> model = load_model<float>(o.model);
   input.config_toml = model.info.config;
   input.commands = commands(dataset.manifest());
+  const Model<double> in_double = load_model<double>(o.model);
+  std::unique_ptr<fem::ConstitutiveLaw<double>> truth;
+  if (dataset.manifest().law_known)
+    truth = fem::make_law<double>(dataset.manifest().physics.material);
+  input.law = stress_curves(in_double.stress, truth.get(), in_double.info.range);
   const Path beside = Path(o.model).replace_extension(".metrics.jsonl");
   if (!o.metrics.empty()) {
     input.metrics = read_text(o.metrics, kLimit);

@@ -27,14 +27,15 @@ std::string cell_or_dash(const std::optional<double>& value) {
 }
 
 std::string to_text(const Table1& table) {
-  std::vector<std::vector<std::string>> rows{{"scene", "frame", "RMSE [m]", "+-", "relative",
-                                              "net zeroed", "affine only", "coarse", "staggered",
-                                              "paper", "goal", "diverged", "verdict"}};
+  std::vector<std::vector<std::string>> rows{
+      {"scene", "frame", "RMSE [m]", "+-", "relative", "net zeroed", "affine only", "coarse",
+       "staggered", "density net", "paper's net", "paper", "goal", "diverged", "verdict"}};
   for (const Table1Cell& cell : table.cells)
     rows.push_back({cell.scene, std::to_string(cell.horizon), common::number(cell.error.rmse.mean),
                     common::number(cell.error.rmse.std), common::number(cell.error.relative.mean),
                     cell_or_dash(cell.residual_zeroed), cell_or_dash(cell.affine_only),
                     cell_or_dash(cell.coarse_physics), cell_or_dash(cell.staggered_physics),
+                    cell_or_dash(cell.density_form), cell_or_dash(cell.paper_form),
                     cell_or_dash(cell.paper), cell_or_dash(cell.goal),
                     std::to_string(cell.diverged), cell.verdict});
   std::string words = common::table(rows);
@@ -42,7 +43,9 @@ std::string to_text(const Table1& table) {
       "\nrelative: RMSE / rms displacement of the truth. net zeroed: without the integrator's "
       "net.\n"
       "affine only: the true law and two fitted numbers. coarse, staggered: the true law and\n"
-      "semi-implicit Euler at the same step, the latter with a staggered start.\n"
+      "semi-implicit Euler at a step of a frame, the latter with a staggered start.\n"
+      "density net, paper's net: the same law, and an integrator that is a net of f_int / V or of "
+      "f_int alone.\n"
       "verdict: missed the goal (tenth: but at most a tenth of the paper's error), met it, or at "
       "or\n"
       "below coarse or staggered physics, too.\n\n";

@@ -50,6 +50,7 @@ ModelSummary summarise(const Model<double>& model, const Dataset* dataset) {
   summary.h = model.info.h;
   summary.form = model.integration.config().form;
   summary.law = effective_law(model.stress);
+  summary.range = model.info.range;
   if (model.integration.affine()) {
     summary.density = 1 / model.integration.alpha();
     summary.gravity = model.integration.b();
@@ -65,24 +66,31 @@ std::string to_json(const ModelSummary& summary) {
   using Json = nlohmann::ordered_json;
   const auto vector = [](const Vec3<double>& v) { return Json{v(0), v(1), v(2)}; };
   const auto& truth = summary.true_material;
-  const Json json{{"model", summary.file},
-                  {"scene", summary.scene},
-                  {"trained_on", summary.dataset},
-                  {"config", summary.config},
-                  {"state", summary.state},
-                  {"h", summary.h},
-                  {"integrator", summary.form},
-                  {"learned",
-                   {{"E", summary.law.E},
-                    {"nu", summary.law.nu},
-                    {"misfit", summary.law.misfit},
-                    {"density", summary.density ? Json(*summary.density) : Json()},
-                    {"gravity", summary.gravity ? vector(*summary.gravity) : Json()}}},
-                  {"truth",
-                   {{"E", truth ? Json(truth->E) : Json()},
-                    {"nu", truth ? Json(truth->nu) : Json()},
-                    {"density", truth ? Json(truth->density) : Json()},
-                    {"gravity", summary.true_gravity ? vector(*summary.true_gravity) : Json()}}}};
+  const Json json{
+      {"model", summary.file},
+      {"scene", summary.scene},
+      {"trained_on", summary.dataset},
+      {"config", summary.config},
+      {"state", summary.state},
+      {"h", summary.h},
+      {"integrator", summary.form},
+      {"learned",
+       {{"E", summary.law.E},
+        {"nu", summary.law.nu},
+        {"misfit", summary.law.misfit},
+        {"density", summary.density ? Json(*summary.density) : Json()},
+        {"gravity", summary.gravity ? vector(*summary.gravity) : Json()}}},
+      {"seen_in_training",
+       {{"stretch", summary.range.known()
+                        ? Json{summary.range.stretch_min, summary.range.stretch_max}
+                        : Json()},
+        {"det_F",
+         summary.range.known() ? Json{summary.range.det_min, summary.range.det_max} : Json()}}},
+      {"truth",
+       {{"E", truth ? Json(truth->E) : Json()},
+        {"nu", truth ? Json(truth->nu) : Json()},
+        {"density", truth ? Json(truth->density) : Json()},
+        {"gravity", summary.true_gravity ? vector(*summary.true_gravity) : Json()}}}};
   return json.dump(1);
 }
 

@@ -28,6 +28,7 @@ struct ModelSummary {
   double h = 0;                                     // [s]
   std::string form;                                 // of the integrator
   EffectiveLaw law;
+  StrainRange range;                           // seen in training, if it is known
   std::optional<double> density;               // 1 / alpha [kg/m3], of an affine integrator
   std::optional<Vec3<double>> gravity;         // b [m/s2], likewise
   std::optional<fem::Material> true_material;  // of a dataset whose law is known

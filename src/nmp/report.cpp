@@ -43,6 +43,7 @@ std::string make_report(const ReportInput& input) {
   html += player_section(input.playbacks, input.player);
   for (const Result& result : results) html += errors_section(result, several);
   for (const Result& result : results) html += modules_section(result, several);
+  html += law_section(input.law);
   html += states_section(input.playbacks);
   html += training_section(training);
   html += "<section>\n<h2>Settings</h2>\n" + block("Commands", input.commands, true) +

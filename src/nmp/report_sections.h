@@ -5,6 +5,7 @@
 
 #include "nmp/playback.h"
 #include "nmp/report_parts.h"
+#include "nmp/stress_curves.h"
 
 /// The sections of a report, each as HTML, empty where there is nothing to show.
 namespace nmp::report {
@@ -18,6 +19,8 @@ std::string player_section(const std::vector<Playback>& playbacks, const std::st
 std::string errors_section(const Result& result, bool name_model);
 /// What each module does by itself along the record.
 std::string modules_section(const Result& result, bool name_model);
+/// Stress against stretch of the learned law.
+std::string law_section(const std::vector<StressCurve>& curves);
 /// det F and energies over time of truth and prediction.
 std::string states_section(const std::vector<Playback>& playbacks);
 std::string training_section(const Training& training);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -124,8 +125,22 @@ Table1 reproduce_table1(const Table1Options& options) {
     table.sources.push_back({scene, file, model.info.dataset,
                              parse_train_config(model.info.config, file).name, result.force_error,
                              model.integration.affine() ? "learned" : ""});
+    std::map<std::string, Evaluation> forms;
+    for (const char* form : {"density", "paper"}) {
+      const Path path = options.models / (scene + "-" + form + ".safetensors");
+      if (!std::filesystem::exists(path)) continue;
+      Model<float> other = load_model<float>(path);
+      evaluation.methods = {"neural"};
+      forms[form] = evaluate(other, dataset, evaluation);
+    }
+    const auto of_form = [&](const char* form, Index horizon) {
+      const auto found = forms.find(form);
+      return found == forms.end() ? std::nullopt : error_of(found->second, "neural", horizon);
+    };
     for (const Index horizon : options.horizons) {
-      const Table1Cell cell = make_cell(result, scene, horizon);
+      Table1Cell cell = make_cell(result, scene, horizon);
+      cell.density_form = of_form("density", horizon);
+      cell.paper_form = of_form("paper", horizon);
       if (cell.residual_zeroed && *cell.residual_zeroed <= cell.error.rmse.mean)
         table.sources.back().integrator = "identified";
       table.cells.push_back(cell);
@@ -155,6 +170,8 @@ std::string to_json(const Table1& table) {
                              {"staggered_physics", or_null(cell.staggered_physics)},
                              {"affine_only", or_null(cell.affine_only)},
                              {"residual_zeroed", or_null(cell.residual_zeroed)},
+                             {"density_form", or_null(cell.density_form)},
+                             {"paper_form", or_null(cell.paper_form)},
                              {"ballistic", cell.ballistic},
                              {"rest", cell.rest},
                              {"paper", or_null(cell.paper)},

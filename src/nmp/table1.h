@@ -13,7 +13,9 @@ namespace nmp {
 /// The paper's Table 1 (its own method's row) with shipped models: RMSE over validation
 /// trajectories at 100, 500 and 1000 frames of CUBE, CUBEXL, SPOT and BOB.
 struct Table1Options {
-  Path models = "models";           // holds SCENE.safetensors
+  /// Holds SCENE.safetensors, and for two more columns, if they are there, models with the same law
+  /// beside an integrator that is a net alone: SCENE-density.safetensors, SCENE-paper.safetensors.
+  Path models = "models";
   Path work = "out/reproduce";      // where the scenes' validation trajectories are made and kept
   std::vector<Path> mesh_folders;   // where bob.msh and spot.msh are looked for
   std::vector<std::string> scenes;  // empty: all four
@@ -33,6 +35,7 @@ struct Table1Cell {
   HorizonError error;                                       // of both modules of the model
   std::optional<double> residual_zeroed;                    // the same without the integrator's net
   std::optional<double> affine_only;                        // true law, two fitted numbers
+  std::optional<double> density_form, paper_form;           // other integrators, see Table1Options
   std::optional<double> coarse_physics, staggered_physics;  // true law, the same step
   double ballistic = 0, rest = 0;
   Index diverged = 0;

@@ -34,6 +34,8 @@ Start make_start(const TrainConfig& config, const Dataset& dataset,
   start.config.integration = start.model.integration.config();
   start.config.staggered = start.model.info.stagger != 0;
   start.model.info.config = to_toml(start.config);
+  start.model.info.scene = dataset.manifest().scene_name;
+  start.model.info.dataset = hash_file(dataset.folder() / "manifest.json");
   return start;
 }
 

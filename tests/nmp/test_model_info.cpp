@@ -6,6 +6,7 @@
 #include "nmp/bench_case.h"
 #include "nmp/nets.h"
 #include "nmp/recorded.h"
+#include "nmp/stress_curves.h"
 #include "nmp/trainer.h"
 
 using namespace nmp;
@@ -27,6 +28,37 @@ TEST_SUITE("nmp/model_info") {
     const auto law = fem::make_law<double>({"stvk", 2e5, 0.3, 1000});
     CHECK_THROWS_AS(effective_law(*law, 0), std::invalid_argument);
     CHECK_THROWS_AS(effective_law(*law, 1e-3, 5), std::invalid_argument);
+  }
+
+  TEST_CASE("an isotropic law has one stress curve of each family, and the textbook's values") {
+    const fem::Material material{"stvk", 1e5, 0.25, 1000};
+    const auto law = fem::make_law<double>(material);
+    const StrainRange range{0.7, 1.5, 0.8, 1.2};
+    const auto curves = stress_curves(*law, law.get(), range);
+    REQUIRE(curves.size() == 3);
+    const double mu = 4e4, lambda = 4e4;
+    for (const StressCurve& curve : curves) {
+      CHECK(curve.range_low < curve.range_high);
+      CHECK(curve.x.front() < curve.range_low);
+      CHECK(curve.x.back() > curve.range_high);
+      for (std::size_t i = 0; i < curve.x.size(); ++i) {
+        const double x = curve.x[i], e = (x * x - 1) / 2;
+        CHECK(curve.high[i] - curve.low[i] < 1e-6);
+        CHECK(curve.truth[i] == doctest::Approx(curve.mean[i]).epsilon(1e-9));
+        // StVK: P = F (lambda tr(E) I + 2 mu E).
+        const double P = curve.name == "Uniaxial stretch" ? x * (lambda + 2 * mu) * e
+                         : curve.name == "Dilation"       ? x * (3 * lambda + 2 * mu) * e
+                                                          : mu * x + x * (lambda / 2 + mu) * x * x;
+        CHECK(curve.mean[i] == doctest::Approx(P).epsilon(1e-9));
+      }
+    }
+    const auto unknown = stress_curves(*law, nullptr, StrainRange());
+    CHECK(unknown[0].truth.empty());
+    CHECK(unknown[0].range_low == unknown[0].range_high);
+    // A law with a direction of its own has a spread.
+    const StressNet<double> net(StressNetConfig(), 3);
+    const auto spread = stress_curves(net, nullptr, range)[0];
+    CHECK(spread.high.front() > spread.low.front());
   }
 
   TEST_CASE("a stress net that is Hooke's law by its weights") {
