@@ -3,6 +3,13 @@
 
 namespace nmp::report {
 
+namespace {
+std::vector<double> in_kPa(std::vector<double> stresses) {
+  for (double& each : stresses) each /= 1e3;
+  return stresses;
+}
+}  // namespace
+
 std::string law_section(const std::vector<StressCurve>& curves) {
   if (curves.empty()) return "";
   std::string html =
@@ -14,18 +21,19 @@ std::string law_section(const std::vector<StressCurve>& curves) {
     LinePlot plot;
     plot.name = each.name;
     plot.x_label = each.x_label;
-    plot.y_label = each.component + " [Pa]";
+    plot.y_label = each.component + " [kPa]";
     plot.log_y = false;
     plot.labels = false;
     plot.width = 360;
     plot.height = 280;
-    Curve learned{"learned", {0, "", 2, 1}, each.x, each.mean, each.low, each.high};
-    Readout data{each.x_label, "Pa", false, each.x, {{"learned", 0, each.mean}}};
+    Curve learned{"learned",         {0, "", 2, 1},    each.x,
+                  in_kPa(each.mean), in_kPa(each.low), in_kPa(each.high)};
+    Readout data{each.x_label, "kPa", false, each.x, {{"learned", 0, learned.y}}};
     std::vector<LegendItem> items{{{0, "", 2, 1}, "learned"}};
     plot.curves = {learned};
     if (!each.truth.empty()) {
-      plot.curves.push_back({"true", {6, "5 3", 1.6, 1}, each.x, each.truth, {}, {}});
-      data.series.push_back({"true", 6, each.truth});
+      plot.curves.push_back({"true", {6, "5 3", 1.6, 1}, each.x, in_kPa(each.truth), {}, {}});
+      data.series.push_back({"true", 6, in_kPa(each.truth)});
       items.push_back({{6, "5 3", 1.6, 1}, "true"});
     }
     if (each.range_high > each.range_low)
