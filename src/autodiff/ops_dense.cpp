@@ -31,6 +31,29 @@ Var<Real> linear(Var<Real> x, Var<Real> W) {
   });
 }
 
+// y = x W,   x_bar += y_bar W^T,  W_bar += x^T y_bar.
+template <class Real>
+Var<Real> linear_transposed(Var<Real> x, Var<Real> W) {
+  NMP_CHECK(x.cols() == W.rows(), text("linear_transposed needs x #rows x N and W N x K, got ",
+                                       shape(x.value()), " and ", shape(W.value())));
+  constexpr bool kFast = kHasLanes<Real>;
+  MatrixMap<Real> y = x.tape().allocate(x.rows(), W.cols());
+  y.setZero();
+  if constexpr (kFast)
+    multiply_adjoint_x<Real>(x.value(), W.value(), y);
+  else
+    multiply_adjoint_x_reference<Real>(x.value(), W.value(), y);
+  return x.tape().record("linear_transposed", {x, W}, y, [x, W](const ConstMatrixMap<Real>& y_bar) {
+    if constexpr (kFast) {
+      if (x.needs_grad()) multiply<Real>(y_bar, W.value(), x.bar(), true);
+      if (W.needs_grad()) multiply_adjoint_W<Real>(x.value(), y_bar, W.bar());
+    } else {
+      if (x.needs_grad()) multiply_reference<Real>(y_bar, W.value(), x.bar(), true);
+      if (W.needs_grad()) multiply_adjoint_W_reference<Real>(x.value(), y_bar, W.bar());
+    }
+  });
+}
+
 namespace {
 
 // y = a sigma(a) and, if wanted, sigma(a) = 1 / (1 + exp(-a)).
@@ -72,6 +95,16 @@ void silu_forward(const Real* a, Index n, Real* y, Real* sigma) {
   });
 }
 
+namespace {
+// At +-infinity, sigma (1 - sigma) is 0 and must stay so: a finite bound in place of a does it.
+template <class Real>
+Real bounded(const Real& a) {
+  constexpr double kFar = 1e4;
+  const Real far = a < Real(-kFar) ? Real(-kFar) : a;
+  return far > Real(kFar) ? Real(kFar) : far;
+}
+}  // namespace
+
 // y = a sigma,   a_bar += y_bar sigma (1 + a (1 - sigma)).
 template <class Real>
 Var<Real> silu(Var<Real> a) {
@@ -82,23 +115,45 @@ Var<Real> silu(Var<Real> a) {
   return tape.record("silu", {a}, y, [a, sigma](const ConstMatrixMap<Real>& y_bar) {
     const auto x = a.value();
     MatrixMap<Real> a_bar = a.bar();
-    // At +-infinity, sigma (1 - sigma) is 0 and must stay so: a finite bound in its place does it.
-    constexpr double kFar = 1e4;
     for_entries(x.size(), [&](Index begin, Index n) {
       const Real *in = x.data() + begin, *s = sigma + begin, *out_bar = y_bar.data() + begin;
       Real* in_bar = a_bar.data() + begin;
-      for (Index i = 0; i < n; ++i) {
-        const Real far = in[i] < Real(-kFar) ? Real(-kFar) : in[i];
-        const Real near = far > Real(kFar) ? Real(kFar) : far;
-        in_bar[i] += out_bar[i] * (s[i] * (Real(1) + near * (Real(1) - s[i])));
+      for (Index i = 0; i < n; ++i)
+        in_bar[i] += out_bar[i] * (s[i] * (Real(1) + bounded(in[i]) * (Real(1) - s[i])));
+    });
+  });
+}
+
+// y = sigma (1 + a (1 - sigma)),   a_bar += y_bar sigma (1 - sigma) (2 + a (1 - 2 sigma)).
+template <class Real>
+Var<Real> silu_slope(Var<Real> a) {
+  auto& tape = a.tape();
+  const auto x = a.value();
+  MatrixMap<Real> y = tape.allocate(a.rows(), a.cols());
+  Real* sigma = tape.template keep<Real>(y.size());
+  silu_forward(x.data(), y.size(), y.data(), sigma);
+  for_entries(y.size(), [&](Index begin, Index n) {
+    for (Index i = begin; i < begin + n; ++i)
+      y.data()[i] = sigma[i] * (Real(1) + bounded(x.data()[i]) * (Real(1) - sigma[i]));
+  });
+  return tape.record("silu_slope", {a}, y, [a, sigma](const ConstMatrixMap<Real>& y_bar) {
+    const auto in = a.value();
+    MatrixMap<Real> a_bar = a.bar();
+    for_entries(in.size(), [&](Index begin, Index n) {
+      for (Index i = begin; i < begin + n; ++i) {
+        const Real s = sigma[i], rest = Real(1) - s;
+        a_bar.data()[i] +=
+            y_bar.data()[i] * (s * rest * (Real(2) + bounded(in.data()[i]) * (rest - s)));
       }
     });
   });
 }
 
-#define NMP_INSTANTIATE(Real)                      \
-  template Var<Real> linear(Var<Real>, Var<Real>); \
-  template Var<Real> silu(Var<Real>);              \
+#define NMP_INSTANTIATE(Real)                                 \
+  template Var<Real> linear_transposed(Var<Real>, Var<Real>); \
+  template Var<Real> silu_slope(Var<Real>);                   \
+  template Var<Real> linear(Var<Real>, Var<Real>);            \
+  template Var<Real> silu(Var<Real>);                         \
   template void silu_forward(const Real*, Index, Real*, Real*);
 
 #include "autodiff/instantiate.h"

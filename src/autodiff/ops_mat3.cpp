@@ -100,6 +100,29 @@ Var<Real> mat3_det(Var<Real> A) {
   });
 }
 
+// The rows of C = cof A are c_i = a_j x a_k, (i, j, k) cyclic:
+//   a_bar_j += a_k x c_bar_i,  a_bar_k += c_bar_i x a_j.
+template <class Real>
+Var<Real> mat3_cofactor(Var<Real> A) {
+  check_mat3("mat3_cofactor", "A", A);
+  const auto a = A.value();
+  MatrixMap<Real> C = A.tape().allocate(a.rows(), 9);
+  parallel_for(a.rows(), [&](Index e) { store_mat3<Real>(C, e, cofactor(load_mat3<Real>(a, e))); });
+  return A.tape().record("mat3_cofactor", {A}, C, [A, a](const ConstMatrixMap<Real>& C_bar) {
+    MatrixMap<Real> A_bar = A.bar();
+    parallel_for(a.rows(), [&](Index e) {
+      const Mat3<Real> m = load_mat3<Real>(a, e), c_bar = load_mat3<Real>(C_bar, e);
+      Mat3<Real> m_bar = Mat3<Real>::Zero();
+      for (int i = 0; i < 3; ++i) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        m_bar.row(j) += m.row(k).cross(c_bar.row(i));
+        m_bar.row(k) += c_bar.row(i).cross(m.row(j));
+      }
+      add_mat3<Real>(A_bar, e, m_bar);
+    });
+  });
+}
+
 // X = A^-1 = cof(A)^T / det A,   A_bar -= X^T X_bar X^T   (from dX = -X dA X).
 template <class Real>
 Var<Real> mat3_inverse(Var<Real> A) {
@@ -169,6 +192,7 @@ Var<Real> det_minus_one(Var<Real> F) {
   template Var<Real> mat3_product(Var<Real>, Var<Real>);           \
   template Var<Real> mat3_symmetric(Var<Real>);                    \
   template Var<Real> mat3_det(Var<Real>);                          \
+  template Var<Real> mat3_cofactor(Var<Real>);                     \
   template Var<Real> mat3_inverse(Var<Real>);                      \
   template Var<Real> right_cauchy_green_minus_identity(Var<Real>); \
   template Var<Real> det_minus_one(Var<Real>);

@@ -14,6 +14,9 @@ Var<Real> mat3_symmetric(Var<Real> A);
 /// det A: #rows x 1. Adjoint: A_bar += det_bar cof(A); no division.
 template <class Real>
 Var<Real> mat3_det(Var<Real> A);
+/// cof A = det A A^-T, defined for every A.
+template <class Real>
+Var<Real> mat3_cofactor(Var<Real> A);
 /// A^-1. @throws std::invalid_argument  at the first row whose determinant is 0 or not finite
 template <class Real>
 Var<Real> mat3_inverse(Var<Real> A);

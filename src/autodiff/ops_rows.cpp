@@ -146,6 +146,37 @@ Var<Real> add_row(Var<Real> a, Var<Real> row) {
   });
 }
 
+// y_ij = a_ij row_j,   a_bar_ij += y_bar_ij row_j,  row_bar_j += sum_i y_bar_ij a_ij.
+template <class Real>
+Var<Real> multiply_row(Var<Real> a, Var<Real> row) {
+  check_shape("multiply_row", "a row", row, 1, a.cols());
+  const auto A = a.value();
+  const auto r = row.value();
+  MatrixMap<Real> y = a.tape().allocate(A.rows(), A.cols());
+  for_rows(A.rows(), [&](Index begin, Index n) {
+    for (Index j = 0; j < A.cols(); ++j)
+      y.col(j).segment(begin, n) = A.col(j).segment(begin, n) * r(0, j);
+  });
+  return a.tape().record("multiply_row", {a, row}, y, [a, row](const ConstMatrixMap<Real>& y_bar) {
+    const auto value = a.value();
+    const auto factors = row.value();
+    if (a.needs_grad()) {
+      MatrixMap<Real> a_bar = a.bar();
+      for_rows(value.rows(), [&](Index begin, Index n) {
+        for (Index j = 0; j < value.cols(); ++j)
+          a_bar.col(j).segment(begin, n) += y_bar.col(j).segment(begin, n) * factors(0, j);
+      });
+    }
+    if (row.needs_grad()) {
+      MatrixMap<Real> row_bar = row.bar();
+      for_columns(value.rows(), value.cols(), [&](Index j) {
+        const Real *out = y_bar.col(j).data(), *in = value.col(j).data();
+        row_bar(0, j) += ordered_sum<Real>(value.rows(), [&](Index i) { return out[i] * in[i]; });
+      });
+    }
+  });
+}
+
 // y_ij = a_ij s_i,   a_bar_ij += y_bar_ij s_i,  s_bar_i += sum_j y_bar_ij a_ij.
 template <class Real>
 Var<Real> multiply_rows(Var<Real> a, Var<Real> s) {
@@ -409,6 +440,7 @@ Var<Real> mask_rows(Var<Real> a, const std::vector<char>& keep) {
   template Var<Real> gather_rows(Var<Real>, const std::vector<Index>&);             \
   template Var<Real> scatter_add_rows(Var<Real>, const std::vector<Index>&, Index); \
   template Var<Real> add_row(Var<Real>, Var<Real>);                                 \
+  template Var<Real> multiply_row(Var<Real>, Var<Real>);                            \
   template Var<Real> multiply_rows(Var<Real>, Var<Real>);                           \
   template Var<Real> group_sum(Var<Real>, Index);                                   \
   template Var<Real> group_mean(Var<Real>, Index);                                  \

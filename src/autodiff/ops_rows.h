@@ -20,6 +20,9 @@ Var<Real> scatter_add_rows(Var<Real> a, const std::vector<Index>& rows, Index n_
 /// a + row for every row; row is 1 x #cols.
 template <class Real>
 Var<Real> add_row(Var<Real> a, Var<Real> row);
+/// Every row of a times `row`, entry by entry; row is 1 x #cols.
+template <class Real>
+Var<Real> multiply_row(Var<Real> a, Var<Real> row);
 /// Row i of a times s(i); s is #rows x 1.
 template <class Real>
 Var<Real> multiply_rows(Var<Real> a, Var<Real> s);

@@ -22,7 +22,8 @@ Json describe(const Model<float>& model) {
   const IntegrationScales& scales = model.integration.scales();
   const ModelInfo& info = model.info;
   Json json;
-  json["stress"] = {{"hidden", stress.hidden},
+  json["stress"] = {{"form", stress.form},
+                    {"hidden", stress.hidden},
                     {"bias", stress.bias},
                     {"scale", model.stress.scale()},
                     {"z_scale", model.stress.z_scale()}};
@@ -67,6 +68,7 @@ template <class Real>
 Model<Real> build(const Json& json, const std::string& config, Index n_weights) {
   StressNetConfig stress;
   const Json& s = json.at("stress");
+  stress.form = s.value("form", stress.form);
   stress.hidden = widths(s.at("hidden"));
   s.at("bias").get_to(stress.bias);
 

@@ -100,7 +100,8 @@ class PairsLoss : public TrainingLoss {
     const Index per_frame = std::min(mesh.n_tets(), std::max<Index>(1, at_random / stage.frames));
     const auto n_strained = static_cast<Index>(stage.strained * static_cast<double>(per_frame));
     const Index room = stage.frames * per_frame + n_trajectories * per_trajectory;
-    z_.resize(room, StressNet<double>::kFeatures);
+    has_energy_ = model.stress.has_energy();
+    in_.resize(room, has_energy_ ? 9 : StressNet<double>::kFeatures);
     target_.resize(room, 9);
     weight_.resize(room, 1);
     ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
@@ -132,17 +133,20 @@ class PairsLoss : public TrainingLoss {
 
   ad::Var<float> operator()(ad::Tape<float>& tape, Index iteration) override {
     const Random draw = random_.split("batch").split(static_cast<std::uint64_t>(iteration));
-    MatrixMap<float> z = tape.allocate(batch_, z_.cols()), target = tape.allocate(batch_, 9);
+    MatrixMap<float> in = tape.allocate(batch_, in_.cols()), target = tape.allocate(batch_, 9);
     MatrixMap<float> weight = tape.allocate(batch_, 1);
     for (Index i = 0; i < batch_; ++i) {
       const auto row = static_cast<Index>(
           draw.below(static_cast<std::uint64_t>(i), static_cast<std::uint64_t>(n_pairs_)));
-      for (Index c = 0; c < z_.cols(); ++c) z(i, c) = z_(row, c);
+      for (Index c = 0; c < in_.cols(); ++c) in(i, c) = in_(row, c);
       for (Index c = 0; c < 9; ++c) target(i, c) = target_(row, c);
       weight(i, 0) = weight_(row, 0);
     }
-    const ad::Var<float> error =
-        ad::subtract(model_.stress.rotated_stress(tape.constant(z)), tape.constant(target));
+    const ad::Var<float> input = tape.constant(in);
+    const ad::Var<float> P = has_energy_ ? ad::scale(model_.stress.stress(input),
+                                                     static_cast<float>(1 / model_.stress.scale()))
+                                         : model_.stress.rotated_stress(input);
+    const ad::Var<float> error = ad::subtract(P, tape.constant(target));
     return ad::mean_square(ad::multiply_rows(error, tape.constant(weight)));
   }
 
@@ -162,20 +166,22 @@ class PairsLoss : public TrainingLoss {
     const ad::Var<double> F = all.tape().constant(FQ);
     const auto features = StressNet<double>::features(F);
     const auto P = law.stress(F).value();
-    z_.middleRows(n_pairs_, F.rows()) = features.z.value().cast<float>();
+    in_.middleRows(n_pairs_, F.rows()) = (has_energy_ ? F : features.z).value().cast<float>();
     for (Index e = 0; e < F.rows(); ++e, ++n_pairs_) {
-      const Mat3<double> rotated = load_mat3<double>(features.R.value(), e).transpose() *
-                                   load_mat3<double>(P, e) / model_.stress.scale();
-      store_mat3<float>(target_, n_pairs_, rotated.cast<float>());
-      weight_(n_pairs_, 0) = static_cast<float>(1 / std::sqrt(1 + rotated.squaredNorm() / 9));
+      Mat3<double> scaled = load_mat3<double>(P, e) / model_.stress.scale();
+      if (!has_energy_) scaled = load_mat3<double>(features.R.value(), e).transpose() * scaled;
+      store_mat3<float>(target_, n_pairs_, scaled.cast<float>());
+      weight_(n_pairs_, 0) = static_cast<float>(1 / std::sqrt(1 + scaled.squaredNorm() / 9));
     }
   }
 
   const Model<float>& model_;
   Index batch_, n_pairs_ = 0;
   Random random_;
-  // #pool x 13; x 9: R^T P* / scale; x 1: the square root of w.
-  Matrix<float> z_, target_, weight_;
+  bool has_energy_ = false;
+  // #pool x 13: features, or x 9: F of a law with an energy; x 9: R^T P* / scale, or P* / scale;
+  // x 1: the square root of w.
+  Matrix<float> in_, target_, weight_;
 };
 
 }  // namespace

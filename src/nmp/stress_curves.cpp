@@ -10,7 +10,7 @@ namespace nmp {
 
 namespace {
 
-constexpr Index kPoints = 61, kFrames = 24;
+constexpr Index kPoints = 41, kFrames = 24;
 
 struct Family {
   const char *name, *x_label, *component;

@@ -44,6 +44,7 @@ const std::vector<StudyKind>& study_kinds() {
       {"volume", "Violations of volume with and without the hinge, on CUBE", study_volume},
       {"collapse", "Joint training from scratch beside two stages, on BOB", study_collapse},
       {"model-size", "A smaller and a larger stress net, on CUBE", study_model_size},
+      {"laws", "A law that is the derivative of an energy, beside the paper's", study_laws},
       {"efficiency", "Seconds for 1000 frames of BOB, and the error they buy", study_efficiency},
       {"failure", "The worst rollout on BOB", study_failure}};
   return all;

@@ -54,6 +54,7 @@ Study study_interchange(const StudyOptions& options);  // one module swapped for
 Study study_volume(const StudyOptions& options);       // violations with and without the hinge
 Study study_collapse(const StudyOptions& options);     // joint from scratch against two stages
 Study study_model_size(const StudyOptions& options);   // width of the stress net
+Study study_laws(const StudyOptions& options);         // a law with an energy beside the paper's
 Study study_efficiency(const StudyOptions& options);   // seconds per rollout and their errors
 Study study_failure(const StudyOptions& options);      // the worst rollout
 Study study_trajectories(const StudyOptions& options);  // the 40 trajectories of CUBE

@@ -72,6 +72,7 @@ void exchange(Config& config, TrainConfig& c) {
   c.select = config.integer("select", c.select, 0, 100'000);
   c.skip_non_finite = config.integer("skip_non_finite", c.skip_non_finite, 0, kMaxCount);
 
+  c.stress.form = config.choice("model.stress.form", c.stress.form, {"stress", "energy"});
   exchange_widths(config, "model.stress.hidden", c.stress.hidden);
   c.stress.bias = config.boolean("model.stress.bias", c.stress.bias);
 

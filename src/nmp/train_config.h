@@ -12,6 +12,7 @@ namespace nmp {
 struct StressNetConfig {
   std::vector<Index> hidden{80, 96};
   bool bias = false;
+  std::string form = "stress";  // the net is R^T P; "energy": it is Psi, and P its derivative
 };
 
 /// [model.integration]: g_phi (paper Sec. 3.2, Appendix; design.md section 2).

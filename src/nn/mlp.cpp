@@ -2,7 +2,9 @@
 
 #include <new>
 
+#include "autodiff/ops_basic.h"
 #include "autodiff/ops_dense.h"
+#include "autodiff/ops_rows.h"
 
 namespace nmp::nn {
 
@@ -43,6 +45,23 @@ ad::Var<Real> Mlp<Real>::compose(ad::Var<Real> x) const {
     if (i + 1 < layers_.size()) x = ad::silu(x);
   }
   return x;
+}
+
+// With a_i = W_i x_i + b_i, x_{i+1} = silu(a_i) and the output w x_n + b:
+//   g_{n-1} = w silu'(a_{n-1}),   g_{i-1} = (g_i W_i) silu'(a_{i-1}),   dy/dx_0 = g_0 W_0.
+template <class Real>
+ad::Var<Real> Mlp<Real>::input_gradient(ad::Var<Real> x) const {
+  const std::size_t n = layers_.size() - 1;
+  NMP_CHECK(n >= 1 && layers_.back().W().value().rows() == 1,
+            "the gradient of a net needs a hidden layer and a single output");
+  ad::Tape<Real>& tape = x.tape();
+  std::vector<ad::Var<Real>> a;
+  for (std::size_t i = 0; i < n; ++i) a.push_back(layers_[i](i == 0 ? x : ad::silu(a.back())));
+  ad::Var<Real> g = ad::multiply_row(ad::silu_slope(a[n - 1]), tape.parameter(layers_[n].W()));
+  for (std::size_t i = n - 1; i > 0; --i)
+    g = ad::multiply(ad::linear_transposed(g, tape.parameter(layers_[i].W())),
+                     ad::silu_slope(a[i - 1]));
+  return ad::linear_transposed(g, tape.parameter(layers_[0].W()));
 }
 
 template <class Real>

@@ -22,6 +22,11 @@ class Mlp {
   /// The same as a composition of operators, a layer at a time: the reference.
   ad::Var<Real> compose(ad::Var<Real> x) const;
 
+  /// Gradient of the only output in x, row by row, as a net of its own that can be differentiated.
+  /// #rows x widths.front()  ->  the same.
+  /// @throws std::invalid_argument  if there is not one output, or no hidden layer
+  ad::Var<Real> input_gradient(ad::Var<Real> x) const;
+
   /// The layers as leaves of a tape: for operators that have the net inside (nn/mlp_tile.h).
   /// @param silu_last  SiLU on the outputs too
   typename MlpTile<Real>::Net leaves(ad::Tape<Real>& tape, bool silu_last = false) const;

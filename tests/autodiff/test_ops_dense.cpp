@@ -111,6 +111,39 @@ TEST_SUITE("autodiff/ops_dense") {
     CHECK(W_input.bar().isApprox(Matrix<double>::Ones(4, 3) * x, 1e-15));
   }
 
+  TEST_CASE("linear_transposed is the adjoint of linear; its own adjoints, threads") {
+    Tape<double> tape;
+    const Matrix<double> x = random_matrix(7, 5, 1), W = random_matrix(4, 5, 2),
+                         y = random_matrix(7, 4, 3);
+    const auto forward = linear(tape.constant(x), tape.constant(W)).value();
+    const auto back = linear_transposed(tape.constant(y), tape.constant(W)).value();
+    CHECK(forward.cwiseProduct(y).sum() ==
+          doctest::Approx(back.cwiseProduct(x).sum()).epsilon(1e-13));
+    const auto f = [](auto&, const auto& in) { return linear_transposed(in[0], in[1]); };
+    for (const Index rows : {0, 1, 6})
+      check_op(f, {random_matrix(rows, 4, 5), random_matrix(4, 3, 6)});
+    CHECK(same_for_any_threads(f, {random_matrix(900, 4, 5), random_matrix(4, 3, 6)}));
+    CHECK_THROWS_AS(linear_transposed(tape.constant(x), tape.constant(W)), std::invalid_argument);
+  }
+
+  TEST_CASE("silu_slope is the derivative of silu, and has its own; limits at infinity") {
+    check_shapes([](auto&, const auto& x) { return silu_slope(x[0]); }, 1, -4, 4);
+    Tape<double> tape;
+    const Matrix<double> a = random_matrix(6, 5, 4, -8, 8);
+    const auto in = tape.input(a);
+    const Matrix<double> slope = silu_slope(tape.constant(a)).value();
+    tape.backward(silu(in), Matrix<double>::Ones(6, 5));
+    CHECK((in.bar() - slope).cwiseAbs().maxCoeff() < 1e-15);
+    const double far = std::numeric_limits<double>::infinity();
+    Matrix<double> ends(1, 3);
+    ends << -far, far, -1e300;
+    const auto x = tape.input(ends);
+    const auto y = silu_slope(x);
+    CHECK(y.value() == Matrix<double>(Eigen::RowVector3d(0, 1, 0)));
+    tape.backward(y, Matrix<double>::Ones(1, 3));
+    CHECK(x.bar().isZero(0));
+  }
+
   TEST_CASE("silu: adjoint matches differences and dual numbers") {
     check_shapes([](auto&, const auto& x) { return silu(x[0]); }, 1, -4, 4);
     const std::vector<Matrix<double>> large = {random_matrix(3000, 5, 1, -40, 40)};

@@ -44,6 +44,7 @@ TEST_SUITE("autodiff/ops_mat3") {
     const auto product = mat3_product(A, B).value(), symmetric = mat3_symmetric(A).value();
     const auto det = mat3_det(A).value(), inverse = mat3_inverse(A).value();
     const auto C = right_cauchy_green_minus_identity(A).value(), j = det_minus_one(A).value();
+    const auto cof = mat3_cofactor(A).value();
     for (Index e = 0; e < 5; ++e) {
       const auto M = load_mat3<double>(a, e);
       const Mat3<double> one = Mat3<double>::Identity();
@@ -53,6 +54,7 @@ TEST_SUITE("autodiff/ops_mat3") {
       CHECK(load_mat3<double>(inverse, e).isApprox(M.inverse(), 1e-13));
       CHECK(load_mat3<double>(C, e).isApprox(M.transpose() * M - one, 1e-14));
       CHECK(j(e, 0) == doctest::Approx(M.determinant() - 1).epsilon(1e-13));
+      CHECK(load_mat3<double>(cof, e) == cofactor(M));
       CHECK(cofactor(M).isApprox(M.determinant() * M.inverse().transpose(), 1e-13));
     }
   }
@@ -96,6 +98,7 @@ TEST_SUITE("autodiff/ops_mat3") {
     check_mat3([](auto&, const auto& x) { return mat3_product(x[0], x[0]); }, 1);
     check_mat3([](auto&, const auto& x) { return mat3_symmetric(x[0]); }, 1);
     check_mat3([](auto&, const auto& x) { return mat3_det(x[0]); }, 1);
+    check_mat3([](auto&, const auto& x) { return mat3_cofactor(x[0]); }, 1);
     check_mat3([](auto&, const auto& x) { return mat3_inverse(x[0]); }, 0.3);
     for (const double size : {0.0, 1e-6, 1.0}) {
       check_mat3([](auto&, const auto& x) { return right_cauchy_green_minus_identity(x[0]); },

@@ -93,6 +93,8 @@ TEST_SUITE("autodiff/ops_rows") {
                {random_matrix(rows, cols, 1)});
       check_op([](auto&, const auto& x) { return add_row(x[0], x[1]); },
                {random_matrix(rows, cols, 1), random_matrix(1, cols, 2)});
+      check_op([](auto&, const auto& x) { return multiply_row(x[0], x[1]); },
+               {random_matrix(rows, cols, 1), random_matrix(1, cols, 2)});
       check_op([](auto&, const auto& x) { return multiply_rows(x[0], x[1]); },
                {random_matrix(rows, cols, 1), random_matrix(rows, 1, 2)});
     }

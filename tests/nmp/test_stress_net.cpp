@@ -50,6 +50,16 @@ Matrix<double> stretched(const Vec3<double>& s, std::uint64_t seed) {
   return F;
 }
 
+template <class Real>
+StressNet<Real> make_energy_net(std::uint64_t seed = 3) {
+  StressNetConfig config{{20, 24}, true};
+  config.form = "energy";
+  StressNet<Real> net(config, seed);
+  test::shake(net.parameters(), seed + 100);
+  net.set_scales(kScale, kZScale);
+  return net;
+}
+
 // P of the net at F, weighted: differentiated by F and all weights.
 template <class Real>
 struct StressCase {
@@ -66,6 +76,12 @@ struct StressCase {
   ad::Var<Real> loss(ad::Tape<Real>& tape) const {
     return test::weighted(net.stress(tape.parameter(F)), kScale);
   }
+};
+
+// The same for a law with an energy.
+template <class Real>
+struct EnergyCase : StressCase<Real> {
+  EnergyCase() : StressCase<Real>(true) { this->net = make_energy_net<Real>(); }
 };
 
 }  // namespace
@@ -188,6 +204,67 @@ TEST_SUITE("nmp/stress_net") {
       test::check_taylor(in_double);
       test::check_float(in_double, in_float);
     }
+  }
+
+  TEST_CASE("the form with an energy: gradients in F and all weights, Taylor, float") {
+    EnergyCase<double> in_double;
+    EnergyCase<Dual> in_dual;
+    EnergyCase<float> in_float;
+    // The last bias goes away in the derivative.
+    test::check_weights(in_double, in_dual, 16, "stress.mlp.2.b");
+    test::check_taylor(in_double);
+    test::check_float(in_double, in_float);
+  }
+
+  TEST_CASE("the form with an energy: P = dPsi/dF, isotropic, objective, nothing at rest") {
+    const StressNet<double> net = make_energy_net<double>();
+    const Matrix<double> F = random_F(7, 9, 0.4, 1.8);
+    // Central differences, extrapolated.
+    const auto Psi = [&](const Matrix<double>& at) {
+      ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
+      return Matrix<double>(net.energy_density(tape.constant(at)).value());
+    };
+    const Matrix<double> P = stress(net, F);
+    Matrix<double> slope(F.rows(), 9);
+    for (Index k = 0; k < 9; ++k) {
+      const auto central = [&](double step) {
+        Matrix<double> up = F, down = F;
+        up.col(k).array() += step;
+        down.col(k).array() -= step;
+        return Matrix<double>((Psi(up) - Psi(down)) / (2 * step));
+      };
+      slope.col(k) = (4 * central(5e-5) - central(1e-4)) / 3;
+    }
+    CHECK((P - slope).norm() <= 1e-8 * P.norm());
+    CHECK(P.norm() > kScale / 100);
+    for (std::uint64_t seed = 0; seed < 3; ++seed) {
+      const Mat3<double> Q = random_rotation(seed);
+      CHECK((stress(net, turned(Q, F)) - turned(Q, P)).norm() <= 1e-12 * P.norm());
+      Matrix<double> FQ(F.rows(), 9), PQ(F.rows(), 9);
+      for (Index e = 0; e < F.rows(); ++e) {
+        store_mat3<double>(FQ, e, load_mat3<double>(F, e) * Q);
+        store_mat3<double>(PQ, e, load_mat3<double>(P, e) * Q);
+      }
+      CHECK((stress(net, FQ) - PQ).norm() <= 1e-12 * P.norm());
+      CHECK((Psi(FQ) - Psi(F)).norm() <= 1e-12 * Psi(F).norm());
+    }
+    for (Index e = 0; e < F.rows(); ++e) {
+      const Mat3<double> tau = load_mat3<double>(P, e) * load_mat3<double>(F, e).transpose();
+      CHECK((tau - tau.transpose()).norm() <= 1e-12 * tau.norm());
+    }
+    Matrix<double> rest(5, 9);
+    for (Index e = 0; e < 5; ++e) store_mat3<double>(rest, e, Mat3<double>::Identity());
+    CHECK((stress(net, rest).array() == 0).all());
+    CHECK((Psi(rest).array() == 0).all());
+    Matrix<double> flat = Matrix<double>::Zero(1, 9);
+    CHECK(stress(net, flat).allFinite());
+    const auto mesh = fem::cube_mesh(3, 1);
+    ad::Tape<double> tape;
+    CHECK((net.internal_force(mesh, tape.input(mesh.rest())).value().array() == 0).all());
+    CHECK_THROWS_AS(net.rotated_stress(tape.constant(Matrix<double>::Zero(1, 13))),
+                    std::invalid_argument);
+    CHECK_THROWS_AS(make_net<double>(false).energy_density(tape.constant(rest)),
+                    std::invalid_argument);
   }
 
   TEST_CASE("a gradient scaled by 1 + 1e-4 or transposed does not pass (negative control)") {

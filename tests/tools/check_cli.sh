@@ -93,10 +93,11 @@ expect 2 report --model m.safetensors --data d -o r.html && says "--force"
 expect 0 report --model m.safetensors --data d --eval eval.json --eval eval.json -o two.html
 [ "$(grep -c 'data-player>' r.html)" -eq 1 ] || complain "the report has no player"
 grep -q "The modules by themselves" two.html || complain "the report lacks the modules' errors"
+grep -q "The learned law" two.html || complain "the report lacks the stresses of the law"
 expect 0 report --model m.safetensors --data d --eval eval.json --no-player -o plain.html
 [ "$(grep -c 'data-player>' plain.html)" -eq 0 ] || complain "--no-player leaves the player in"
-expect 0 report --model m.safetensors --data d --eval eval.json --player-megabytes 0.3 -o small.html
-[ "$(stat -c %s small.html)" -le 300000 ] || complain "--player-megabytes is not kept"
+expect 0 report --model m.safetensors --data d --eval eval.json --player-megabytes 0.33 -o small.html
+[ "$(stat -c %s small.html)" -le 330000 ] || complain "--player-megabytes is not kept"
 expect 2 report --model m.safetensors --data d --eval eval.json --player-megabytes 0.2 -o bad.html &&
   says "--player-megabytes"
 expect 3 report --model m.safetensors --data d --eval text -o bad.html && says "evaluation 1"

@@ -12,9 +12,10 @@ declare -A holds=(
   [trajectories]='"validation": [' [unseen]='"spin": 5.0' [resolution]='"stable_time_step": 0.00'
   [volume]='"hinge on, 0.1": {' [model-size]='"force_error": ' [interchange]='"stvk": {'
   [collapse]='"largest_force_ratio": ' [efficiency]='"paper_seconds": 2.25'
+  [laws]='"angular_momentum_drift": '
   [failure]='"largest_distance": '
 )
-studies=(trajectories unseen resolution volume model-size)
+studies=(trajectories unseen resolution volume model-size laws)
 if [ -n "${NMP_MESHES-}" ]; then
   studies+=(interchange collapse efficiency failure)
 else
