@@ -74,6 +74,19 @@ cmp -s m.safetensors kept || complain "a refused training touched the model"
 expect 0 train fast --data d -o m.safetensors "${quick[@]}" --force && prints "joint"
 cmp -s m.safetensors kept || complain "the same training gave another model"
 expect 0 train fast --data d -o j.safetensors "${quick[@]}" --model m.safetensors --stage joint
+expect 0 train fast --data d -o j.safetensors "${quick[@]}" --model m.safetensors --stage joint --resume &&
+  says "complete"
+expect 0 train fast --data d -o l.safetensors "${quick[@]}" --law m.safetensors --stage integration \
+  --set 'model.integration.form="density"'
+expect 0 model info l.safetensors --json && prints '"integrator": "density"'
+learned_E=$(grep -m 1 '"E"' stdout)
+expect 0 model info m.safetensors --json && prints "$learned_E"
+expect 2 train fast --data d -o l2.safetensors --law m.safetensors --model m.safetensors
+# Thrown five times as fast as in training, the body is strained as it never was.
+expect 0 data gen cube -o fast "${tiny[@]}" --set initial.speed_min=15 --set initial.speed_max=15 \
+  --set initial.clearance=0 --set dataset.train=0 --set dataset.validation=1
+expect 0 rollout --model m.safetensors --data fast && says "go beyond the training's"
+[ "$(grep -c "go beyond" stderr)" -eq 1 ] || complain "the warning of strains is not given once"
 expect 0 eval --model m.safetensors --data d --json && is_json && cp stdout eval.json
 expect 0 eval --model m.safetensors --data d && prints "neural"
 expect 2 eval --model m.safetensors --data d --horizons 25 && says "24"
