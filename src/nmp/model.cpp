@@ -69,6 +69,8 @@ Model<Real> build(const Json& json, const std::string& config, Index n_weights) 
   StressNetConfig stress;
   const Json& s = json.at("stress");
   stress.form = s.value("form", stress.form);
+  NMP_CHECK(stress.form == "stress" || stress.form == "energy",
+            "the form of a law is stress or energy");
   stress.hidden = widths(s.at("hidden"));
   s.at("bias").get_to(stress.bias);
 
@@ -102,8 +104,11 @@ Model<Real> build(const Json& json, const std::string& config, Index n_weights) 
   const Json& i = json.at("info");
   i.at("h").get_to(model.info.h);
   i.at("stagger").get_to(model.info.stagger);
-  // Files of version 0.1 before 2026-11-23 lack these.
-  model.info.substeps = i.value("substeps", Index(1));
+  // Older files lack these.
+  if (i.contains("substeps")) {
+    NMP_CHECK(i.at("substeps").is_number_integer(), "substeps is an integer");
+    i.at("substeps").get_to(model.info.substeps);
+  }
   NMP_CHECK(model.info.substeps >= 1 && model.info.substeps <= 1000,
             text("substeps must be in 1 ... 1000, got ", model.info.substeps));
   if (i.contains("stretch")) {

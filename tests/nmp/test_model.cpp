@@ -31,6 +31,8 @@ Model<float> make_model(const std::string& form = "affine", bool bias = true) {
   model.integration.set_scales({0.1, 1.0 / 7, 1e6, 2.5e3, "height"});
   model.info.h = 5e-4;
   model.info.stagger = 0.49;
+  model.info.substeps = 3;
+  model.info.range = {0.5, 1.75, 0.25, 1.5};
   model.info.affine_alpha = 1.0 / 970;
   model.info.affine_b = {1e-300, -0.1, -9.8};
   model.info.scene = "odd \"name\"\n\t\\";
@@ -114,6 +116,7 @@ TEST_SUITE("nmp/model") {
         const auto& s = again.stress.config();
         CHECK(s.hidden == std::vector<Index>{6, 5});
         CHECK(s.bias == bias);
+        CHECK(s.form == "stress");
         CHECK(again.stress.scale() == 1.0 / 3e-6);
         CHECK(again.stress.z_scale() == 0.1);
         const auto& g = again.integration.config();
@@ -132,6 +135,11 @@ TEST_SUITE("nmp/model") {
         const ModelInfo &info = again.info, &wanted = model.info;
         CHECK(info.h == wanted.h);
         CHECK(info.stagger == wanted.stagger);
+        CHECK(info.substeps == 3);
+        CHECK(info.range.stretch_min == 0.5);
+        CHECK(info.range.stretch_max == 1.75);
+        CHECK(info.range.det_min == 0.25);
+        CHECK(info.range.det_max == 1.5);
         CHECK(info.affine_alpha == wanted.affine_alpha);
         CHECK(info.affine_b == wanted.affine_b);
         CHECK(info.scene == wanted.scene);
@@ -146,6 +154,32 @@ TEST_SUITE("nmp/model") {
           CHECK(c[k]->value() == a[k]->value().cast<double>());
       }
     }
+  }
+
+  TEST_CASE("a law with an energy is loaded as one, and files of before it still are") {
+    const test::Folder folder;
+    StressNetConfig config{{6, 5}, true};
+    config.form = "energy";
+    Model<float> model(config, IntegrationNetConfig(), 3);
+    save_model(folder / "energy", model);
+    const Model<double> again = load_model<double>(folder / "energy");
+    CHECK(again.stress.has_energy());
+    CHECK(again.stress.config().hidden == config.hidden);
+
+    Model<float> old = make_model("affine", true);
+    save_model(folder / "new", old);
+    Pieces pieces(folder / "new");
+    auto& text = pieces.metadata["architecture"];
+    for (const std::string part : {"\"form\":\"stress\",", "\"substeps\":3,",
+                                   "\"stretch\":[0.5,1.75],", "\"det_F\":[0.25,1.5],"}) {
+      REQUIRE(text.find(part) != std::string::npos);
+      text.erase(text.find(part), part.size());
+    }
+    pieces.write(folder / "old");
+    const Model<float> loaded = load_model<float>(folder / "old");
+    CHECK(loaded.info.substeps == 1);
+    CHECK_FALSE(loaded.info.range.known());
+    CHECK_FALSE(loaded.stress.has_energy());
   }
 
   TEST_CASE("the same model gives the same bytes, a loaded one too, another one others") {
@@ -274,6 +308,12 @@ TEST_SUITE("nmp/model") {
              {"\"z_scale\":0.1", "\"z_scale\":-0.1"},
              {"\"speed_limit\":12.5", "\"speed_limit\":-1"},
              {"\"speed_limit\":12.5", "\"speed_limit\":0"},
+             {"\"form\":\"stress\"", "\"form\":\"strain\""},
+             {"\"substeps\":3", "\"substeps\":0"},
+             {"\"substeps\":3", "\"substeps\":2.5"},
+             {"\"substeps\":3", "\"substeps\":1000000000"},
+             {"\"stretch\":[0.5,1.75]", "\"stretch\":[0.5]"},
+             {"\"det_F\":[0.25,1.5]", "\"det_F\":\"wide\""},
              {"\"h\":0.0005", "\"h\":\"x\""}})
       CHECK(contains(architecture_refusal(from, to), broken));
   }

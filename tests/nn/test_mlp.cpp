@@ -70,6 +70,33 @@ TEST_SUITE("nn/mlp") {
     }
   }
 
+  TEST_CASE("the gradient of the output is that of the tape, and has adjoints of its own") {
+    const nn::Mlp<double> mlp("net", {3, 7, 5, 1}, true, Random(2));
+    const Matrix<double> x = random_matrix(6, 3, 3);
+    ad::Tape<double> tape;
+    const auto in = tape.input(x);
+    tape.backward(mlp(in), Matrix<double>::Ones(6, 1));
+    const Matrix<double> gradient = mlp.input_gradient(tape.constant(x)).value();
+    CHECK((gradient - in.bar()).cwiseAbs().maxCoeff() <= 1e-15);
+    ad::Parameter<double> at("x", x);
+    std::vector<ad::Parameter<double>*> all{&at};
+    nn::Mlp<double> other("net", {3, 7, 5, 1}, true, Random(2));
+    for (auto* p : other.parameters())
+      if (p->name() != "net.2.b") all.push_back(p);  // the gradient does not know it
+    const auto check = check_gradient(
+        [&](ad::Tape<double>& t) {
+          const auto g = other.input_gradient(t.parameter(at));
+          return ad::sum(ad::multiply(g, g));
+        },
+        all, 40);
+    INFO(check.worst);
+    CHECK(check.relative <= 1e-7);
+    const nn::Mlp<double> two("net", {3, 4, 2}, true, Random(1)),
+        flat("net", {3, 1}, true, Random(1));
+    CHECK_THROWS_AS(two.input_gradient(tape.constant(x)), std::invalid_argument);
+    CHECK_THROWS_AS(flat.input_gradient(tape.constant(x)), std::invalid_argument);
+  }
+
   TEST_CASE_TEMPLATE("the fused net is the composition of operators: value, adjoints", Real, float,
                      double) {
     const double tolerance = std::is_same_v<Real, float> ? 1e-5 : 1e-13;
