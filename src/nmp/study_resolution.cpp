@@ -69,22 +69,10 @@ Study study_resolution(const StudyOptions& options) {
     json["methods"][method] = Json::parse(json_of(measured));
   }
   result.figures = curves_figure("Error over time", all);
-  const Trajectory& first = dataset.validation().front();
-  const Index last = context.frames();
-  Matrix<double> x = snapshots(
+  result.figures += recorded_and_predicted(
+      text(scene.vertices_per_edge, "^3 at h / 2"),
       setting.simulation(model.stress, model.integration, setting.stagger(model.info, 2), 2),
-      first.state<float>(0), {last})[last];
-  const Matrix<double> x_true = first.state<double>(last).x;
-  Camera camera(-60, 15);
-  camera.include(x_true);
-  camera.include(x);
-  const fem::Surface surface = surface_of(dataset);
-  const auto ground = dataset.manifest().physics.ground;
-  result.figures +=
-      panels({{"recorded, frame " + std::to_string(last),
-               draw("recorded", surface, {{x_true, {0.45, 0.5, 0.55}, {}, false}}, camera, ground)},
-              {"predicted at h / 2",
-               draw("predicted", surface, {{x, {0.1, 0.5, 0.75}, {}, false}}, camera, ground)}});
+      dataset, context.frames());
   result.notes = {
       text("The weights that were trained on 22^3 vertices move a cube of ",
            scene.vertices_per_edge, "^3 (", dataset.mesh().n_tets(), " tetrahedra)."),

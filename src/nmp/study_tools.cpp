@@ -213,6 +213,24 @@ std::string panels(const std::vector<Panel>& all) {
   return html + "</div>\n";
 }
 
+std::string recorded_and_predicted(const std::string& name, const Simulation<float>& simulation,
+                                   const Dataset& dataset, Index frame) {
+  const Trajectory& first = dataset.validation().front();
+  const Matrix<double> x = snapshots(simulation, first.state<float>(0), {frame})[frame];
+  const Matrix<double> x_true = first.state<double>(frame).x;
+  Camera camera(-60, 15);
+  camera.include(x_true);
+  camera.include(x);
+  const fem::Surface surface = surface_of(dataset);
+  const auto ground = dataset.manifest().physics.ground;
+  const auto picture = [&](const std::string& what, const Matrix<double>& at,
+                           const std::array<double, 3>& colour) {
+    return Panel{what, draw(what, surface, {{at, colour, {}, false}}, camera, ground)};
+  };
+  return panels({picture(text(name, ", frame ", frame, ": recorded"), x_true, {0.45, 0.5, 0.55}),
+                 picture("predicted", x, {0.1, 0.5, 0.75})});
+}
+
 std::string curves_figure(const std::string& name, const std::map<std::string, Measured>& all) {
   LinePlot plot;
   plot.name = name;

@@ -97,6 +97,9 @@ struct Panel {
   std::string caption, svg;
 };
 std::string panels(const std::vector<Panel>& all);
+/// The first validation trajectory at a frame, as recorded and as rolled out.
+std::string recorded_and_predicted(const std::string& name, const Simulation<float>& simulation,
+                                   const Dataset& dataset, Index frame);
 /// Errors over time of several methods, the mean over their trajectories.
 std::string curves_figure(const std::string& name, const std::map<std::string, Measured>& all);
 

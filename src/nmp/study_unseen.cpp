@@ -76,23 +76,8 @@ Study study_unseen(const StudyOptions& options) {
                               {"spin", scene.spin},
                               {"methods", methods}});
     result.figures += curves_figure(name + ": error over time", all);
-
-    const Trajectory& first = dataset.validation().front();
-    const Index last = context.frames();
-    const Matrix<double> x =
-        snapshots(setting.simulation(model), first.state<float>(0), {last})[last];
-    const Matrix<double> x_true = first.state<double>(last).x;
-    Camera camera(-60, 15);
-    camera.include(x_true);
-    camera.include(x);
-    const fem::Surface surface = surface_of(dataset);
-    const auto ground = dataset.manifest().physics.ground;
     result.figures +=
-        panels({{name + ", frame " + std::to_string(last) + ": recorded",
-                 draw(name + " recorded", surface, {{x_true, {0.45, 0.5, 0.55}, {}, false}}, camera,
-                      ground)},
-                {"predicted", draw(name + " predicted", surface, {{x, {0.1, 0.5, 0.75}, {}, false}},
-                                   camera, ground)}});
+        recorded_and_predicted(name, setting.simulation(model), dataset, context.frames());
   }
   result.notes = {
       text("Initial speeds are 1 to 1.5 times the largest of the training, in any direction; free "
