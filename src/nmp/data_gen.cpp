@@ -312,4 +312,15 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
   return manifest;
 }
 
+Dataset make_dataset(const Scene& scene, const Path& folder, const DataGenOptions& options) {
+  if (folder.has_parent_path()) std::filesystem::create_directories(folder.parent_path());
+  const Manifest manifest = generate_dataset(scene, folder, options);
+  if (static_cast<Index>(manifest.train.size()) < scene.train ||
+      static_cast<Index>(manifest.validation.size()) < scene.validation) {
+    if (options.progress) options.progress(1);
+    throw std::runtime_error("stopped while trajectories were made");
+  }
+  return Dataset::open(folder);
+}
+
 }  // namespace nmp

@@ -30,4 +30,9 @@ struct DataGenOptions {
 Manifest generate_dataset(const Scene& scene, const Path& folder,
                           const DataGenOptions& options = {});
 
+/// The same for callers that need all of it: makes what is missing, folders above it too, and opens
+/// the dataset.
+/// @throws std::runtime_error  if `stop` ended it, unless options.progress(1) throws before
+Dataset make_dataset(const Scene& scene, const Path& folder, const DataGenOptions& options);
+
 }  // namespace nmp

@@ -48,13 +48,13 @@ struct Evaluation {
   ModuleErrors modules;  // of both modules along the truth; empty if no force was recorded
 };
 
-/// Methods: "neural" (both modules of the model), "neural_law" (with semi-implicit Euler),
-/// "neural_integrator" (with the true law), "residual_zeroed" (the model without its net), and the
-/// reference rows of design.md section 2: "rest" (standing still), "ballistic" (free flight of
-/// every vertex), "coarse_physics" (true law, semi-implicit Euler at h), "staggered_physics" (with
-/// the staggered start), "affine_only" (true law, the two fitted numbers). Rows that need an
-/// analytic law are left out if the dataset's is not known, rows that need an affine part if the
-/// model has none.
+/// Methods, the learned ones and "affine_only" in the model's own steps per frame: "neural" (both
+/// modules of the model), "neural_law" (with semi-implicit Euler), "neural_integrator" (with the
+/// true law), "residual_zeroed" (the model without its net), and the reference rows of design.md
+/// section 2: "rest" (standing still), "ballistic" (free flight of every vertex), "coarse_physics"
+/// (true law, semi-implicit Euler at h), "staggered_physics" (with the staggered start),
+/// "affine_only" (true law, the two fitted numbers). Rows that need an analytic law are left out if
+/// the dataset's is not known, rows that need an affine part if the model has none.
 /// @throws ConfigError  for an unknown method or a horizon beyond the recording
 Evaluation evaluate(Model<float>& model, const Dataset& dataset,
                     const EvaluateOptions& options = {});

@@ -174,12 +174,14 @@ Scene parse_scene(const std::string& text, const std::string& origin,
   return scene;
 }
 
-Scene read_scene(const std::string& name, const std::vector<std::string>& overrides) {
+Scene read_scene(const std::string& name, const std::vector<std::string>& overrides,
+                 const std::vector<Path>& mesh_folders) {
   const char* shipped = find_shipped_scene(name);
   Scene scene = parse_scene(read_config_text(name, shipped, "scene", shipped_scene_names()),
                             shipped == nullptr ? name : name + ".toml", overrides);
   const Path folder = shipped == nullptr ? Path(name).parent_path() : Path();
   if (scene.mesh_folders.empty() || !folder.empty()) scene.mesh_folders.push_back(folder);
+  scene.mesh_folders.insert(scene.mesh_folders.end(), mesh_folders.begin(), mesh_folders.end());
   return scene;
 }
 

@@ -70,8 +70,10 @@ struct Scene {
 /// @param name  a file, or the name of a scene that ships ("cube")
 /// mesh_folders become the folder of the scene's file; if mesh.file is an override or the scene
 /// ships, the current folder comes before it.
+/// @param mesh_folders  more of them, after those
 /// @throws ConfigError listing the shipped scenes if there is no such file; IoError
-Scene read_scene(const std::string& name, const std::vector<std::string>& overrides = {});
+Scene read_scene(const std::string& name, const std::vector<std::string>& overrides = {},
+                 const std::vector<Path>& mesh_folders = {});
 /// @param origin  stands in messages
 Scene parse_scene(const std::string& text, const std::string& origin,
                   const std::vector<std::string>& overrides = {});

@@ -44,15 +44,14 @@ Study study_collapse(const StudyOptions& options) {
   one.joint.force_weight = one.joint.volume_weight = 0;
 
   context.begin("two stages", 0.35);
-  Model<float> staged =
-      context.trained(text("bob-", context.scale_name(), "-two-stages"), two, dataset);
+  Model<float> staged = load_model<float>(context.trained("two-stages", two, dataset));
   context.begin("joint from scratch", 0.35);
-  Model<float> joint =
-      context.trained(text("bob-", context.scale_name(), "-joint-from-scratch"), one, dataset);
+  Model<float> joint = load_model<float>(context.trained("joint-from-scratch", one, dataset));
 
-  Study result{"collapse", "Collapse of the interface", {}, {{"on BOB", "force error"}}, "", ""};
-  result.rows[0].emplace_back("largest |f_int| / recorded");
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
+  Study result{
+      "collapse", "Collapse of the interface",
+      {},         {header(context, {"on BOB", "force error", "largest |f_int| / recorded"})},
+      "",         ""};
   Json json{{"study", "collapse"},
             {"scale", context.scale_name()},
             {"updates", updates},
@@ -91,9 +90,7 @@ Study study_collapse(const StudyOptions& options) {
                                  .value()
                                  .template cast<double>();
     const double ratio = f.rowwise().norm().maxCoeff() / largest;
-    std::vector<std::string> row{name, number(100 * error) + " %", number(ratio)};
-    for (const std::string& cell : cells(measured)) row.push_back(cell);
-    result.rows.push_back(row);
+    result.rows.push_back(row({name, number(100 * error) + " %", number(ratio)}, measured.rmse));
     json["methods"][name] = {{"force_error", error},
                              {"largest_force_ratio", ratio},
                              {"result", Json::parse(json_of(measured))}};

@@ -59,18 +59,15 @@ Study study_efficiency(const StudyOptions& options) {
           0.05, 0);
 
   const double ours = all.front().measured.seconds;
-  Study result{
-      "efficiency", "Seconds for a rollout", {}, {{"on BOB", "seconds", "of neural"}}, "", ""};
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
-  result.rows[0].emplace_back("paper [s]");
+  Study result{"efficiency", "Seconds for a rollout",
+               {},           {header(context, {"on BOB", "seconds", "of neural"}, {"paper [s]"})},
+               "",           ""};
   Json json{{"study", "efficiency"}, {"scale", context.scale_name()}, {"frames", context.frames()},
             {"threads", threads()},  {"stable_time_step", limit},     {"methods", Json::array()}};
   for (const Method& method : all) {
-    std::vector<std::string> row{method.name, number(method.measured.seconds),
-                                 number(method.measured.seconds / ours)};
-    for (const std::string& cell : cells(method.measured)) row.push_back(cell);
-    row.push_back(method.paper > 0 ? number(method.paper) : "-");
-    result.rows.push_back(row);
+    result.rows.push_back(
+        row({method.name, number(method.measured.seconds), number(method.measured.seconds / ours)},
+            method.measured.rmse, {method.paper > 0 ? number(method.paper) : "-"}));
     json["methods"].push_back({{"method", method.name},
                                {"result", Json::parse(json_of(method.measured))},
                                {"paper_seconds", method.paper > 0 ? Json(method.paper) : Json()}});

@@ -26,14 +26,11 @@ Study study_failure(const StudyOptions& options) {
       static_cast<std::size_t>(std::max_element(errors.begin(), errors.end()) - errors.begin());
   const Trajectory& truth = dataset.validation()[worst];
 
-  Study result{"failure", "The worst case", {}, {{"on BOB"}}, "", ""};
-  std::vector<std::string> row{truth.name()}, typical{"mean of all"};
-  for (const auto& [t, each] : measured.rmse) {
-    result.rows[0].push_back(text("RMSE at ", t, " [m]"));
-    row.push_back(number(each[worst]));
-    typical.push_back(mean_and_spread(each));
-  }
-  result.rows.insert(result.rows.end(), {row, typical});
+  Study result{"failure", "The worst case", {}, {header(context, {"on BOB"})}, "", ""};
+  Errors worst_alone;
+  for (const auto& [t, each] : measured.rmse) worst_alone[t] = {each[worst]};
+  result.rows.push_back(row({truth.name()}, worst_alone));
+  result.rows.push_back(row({"mean of all"}, measured.rmse));
 
   const Matrix<double> x_true = truth.state<double>(last).x;
   const Matrix<double> x = snapshots(simulation, truth.state<float>(0), {last})[last];
@@ -48,13 +45,10 @@ Study study_failure(const StudyOptions& options) {
        {"predicted", draw("predicted", surface, {{x, {0.1, 0.5, 0.75}, {}, false}}, camera)},
        {"distance between them, brightest " + report::length(largest),
         draw("distance", surface, {{x, {}, error_values(x, x_true, largest), false}}, camera)}});
-  std::map<std::string, Measured> curves;
-  for (std::size_t i = 0; i < errors.size(); ++i) {
-    Measured one;
-    one.curves = {measured.curves[i]};
-    curves[dataset.validation()[i].name()] = one;
-  }
-  result.figures += curves_figure("Error over time of each trajectory", curves);
+  std::vector<Line> lines;
+  for (std::size_t i = 0; i < errors.size(); ++i)
+    lines.push_back({dataset.validation()[i].name(), measured.curves[i]});
+  result.figures += lines_figure("Error over time of each trajectory", "RMSE [m]", true, lines);
   result.notes = {text("Of ", errors.size(),
                        " validation trajectories, the one with the largest "
                        "error at frame ",

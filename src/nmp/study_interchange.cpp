@@ -46,7 +46,7 @@ Study study_interchange(const StudyOptions& options) {
   softer.E = kSofter;
   const auto stvk = fem::make_law<float>(softer);
   const auto stvk_exact = fem::make_law<double>(softer);
-  std::map<Index, std::vector<double>> softer_errors, motion;
+  Errors softer_errors, motion;
   std::map<Index, Matrix<double>> soft_true, soft;
   context.begin("StVK", 0.2);
   for (Index i = 0; i < n; ++i) {
@@ -64,25 +64,22 @@ Study study_interchange(const StudyOptions& options) {
     context.part(static_cast<double>(i + 1) / static_cast<double>(n));
   }
 
-  Study result{"interchange", "Interchanged modules", {}, {{"on SPOT"}}, "", ""};
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
-  result.rows[0].emplace_back("against");
+  Study result{"interchange",
+               "Interchanged modules",
+               {},
+               {header(context, {"on SPOT"}, {"against"})},
+               "",
+               ""};
   Json json{{"study", "interchange"}, {"scale", context.scale_name()}, {"methods", Json::object()}};
   for (const auto& [method, measured] : swapped) {
-    std::vector<std::string> row{method};
-    for (const std::string& cell : cells(measured)) row.push_back(cell);
-    row.emplace_back("the recording");
-    result.rows.push_back(row);
+    result.rows.push_back(row({method}, measured.rmse, {"the recording"}));
     json["methods"][method] = Json::parse(json_of(measured));
   }
-  std::vector<std::string> row{"StVK of E = 5e4 Pa, neural integrator"};
-  for (const auto& [t, errors] : softer_errors) {
-    row.push_back(mean_and_spread(errors));
+  result.rows.push_back(
+      row({"StVK of E = 5e4 Pa, neural integrator"}, softer_errors, {"StVK at 1e-5 s"}));
+  for (const auto& [t, errors] : softer_errors)
     json["stvk"][std::to_string(t)] = {
         {"mean", mean(errors)}, {"each", errors}, {"rms_motion", mean(motion[t])}};
-  }
-  row.emplace_back("StVK at 1e-5 s");
-  result.rows.push_back(row);
 
   const Trajectory& first = dataset.validation().front();
   const Matrix<double> x_true = first.state<double>(last).x;

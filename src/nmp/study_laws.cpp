@@ -72,24 +72,9 @@ Scene free_flight(Scene scene, Index frames) {
 
 std::string figure(const std::string& name, const std::map<std::string, Drift>& all,
                    std::vector<double> Drift::*curve) {
-  LinePlot plot;
-  plot.name = name;
-  plot.x_label = "frame";
-  plot.y_label = "relative change";
-  std::vector<report::LegendItem> items;
-  int colour = 0;
-  for (const auto& [label, drift] : all) {
-    const Stroke stroke{colour++, "", 1.6, 1};
-    Curve line{label, stroke, {}, {}, {}, {}};
-    for (const std::size_t t : report::thinned((drift.*curve).size(), 250)) {
-      line.x.push_back(static_cast<double>(t));
-      line.y.push_back((drift.*curve)[t]);
-    }
-    plot.curves.push_back(line);
-    items.push_back({stroke, label});
-  }
-  return "<figure><figcaption>" + name + "</figcaption>" + report::both_widths(plot) +
-         report::legend(items) + "</figure>\n";
+  std::vector<Line> lines;
+  for (const auto& [label, drift] : all) lines.push_back({label, drift.*curve});
+  return lines_figure(name, "relative change", true, lines);
 }
 
 }  // namespace
@@ -105,10 +90,14 @@ Study study_laws(const StudyOptions& options) {
   TrainConfig config = read_train_config("fast");
   config.constitutive.iterations = context.pick(20, 5000, 20000);
 
-  Study result{"laws", "A law that is the derivative of an energy", {}, {{"law"}}, "", ""};
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
-  result.rows[0].insert(result.rows[0].end(), {"force error", "misfit at rest", "energy drift",
-                                               "angular momentum drift", "diverged"});
+  Study result{"laws",
+               "A law that is the derivative of an energy",
+               {},
+               {header(context, {"law"},
+                       {"force error", "misfit at rest", "energy drift", "angular momentum drift",
+                        "diverged"})},
+               "",
+               ""};
   Json json{{"study", "laws"},
             {"scale", context.scale_name()},
             {"iterations", config.constitutive.iterations},
@@ -124,12 +113,10 @@ Study study_laws(const StudyOptions& options) {
         measure(context, setting.simulation(law, setting.euler(), dataset.stagger()), dataset, n);
     const Drift drift = drift_of(in_flight.simulation(law, in_flight.euler(), flight.stagger()),
                                  flight, flight.validation().front());
-    std::vector<std::string> row{name};
-    for (const std::string& cell : cells(measured)) row.push_back(cell);
-    row.insert(row.end(), {number(100 * force_error) + " %", number(100 * misfit) + " %",
-                           number(drift.energy), number(drift.angular_momentum),
-                           text(measured.diverged + drift.diverged, " of ", n + 1)});
-    result.rows.push_back(row);
+    result.rows.push_back(row(
+        {name}, measured.rmse,
+        {number(100 * force_error) + " %", number(100 * misfit) + " %", number(drift.energy),
+         number(drift.angular_momentum), text(measured.diverged + drift.diverged, " of ", n + 1)}));
     json["laws"][name] = {{"force_error", force_error},
                           {"misfit_at_rest", misfit},
                           {"energy_drift", drift.energy},
@@ -144,10 +131,9 @@ Study study_laws(const StudyOptions& options) {
     // A second derivative is steeper: with the other's rate it does not settle.
     config.constitutive.lr = config.stress.form == "energy" ? 6e-3 : 2e-2;
     context.begin(text("training, ", form), 0.25);
-    Model<float> model = context.trained(text("cube-", context.scale_name(), "-law-", form), config,
-                                         dataset, "constitutive");
-    const Model<double> in_double = load_model<double>(
-        options.work / text("cube-", context.scale_name(), "-law-", form, ".safetensors"));
+    const Path path = context.trained(text("law-", form), config, dataset, "constitutive");
+    Model<float> model = load_model<float>(path);
+    const Model<double> in_double = load_model<double>(path);
     add(config.stress.form == "energy" ? "P = dPsi/dF" : "P = R sym(mlp), the paper's",
         model.stress, module_errors(model, dataset, chosen, context.frames()).stress.relative,
         effective_law(in_double.stress).misfit);

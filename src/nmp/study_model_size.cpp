@@ -24,9 +24,13 @@ Study study_model_size(const StudyOptions& options) {
   TrainConfig config = read_train_config("fast");
   config.constitutive.iterations = context.pick(20, 3000, 20000);
 
-  Study result{"model-size", "Width of the stress net", {}, {{"hidden layers", "weights"}}, "", ""};
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
-  result.rows[0].insert(result.rows[0].end(), {"force error", "diverged", "paper at 1000"});
+  Study result{
+      "model-size",
+      "Width of the stress net",
+      {},
+      {header(context, {"hidden layers", "weights"}, {"force error", "diverged", "paper at 1000"})},
+      "",
+      ""};
   Json json{{"study", "model-size"},
             {"scale", context.scale_name()},
             {"iterations", config.constitutive.iterations},
@@ -38,8 +42,8 @@ Study study_model_size(const StudyOptions& options) {
     config.name = "law-" + name;
     config.stress.hidden = size.hidden;
     context.begin("training of " + name, 0.2);
-    Model<float> model = context.trained(text("cube-", context.scale_name(), "-law-", name), config,
-                                         dataset, "constitutive");
+    Model<float> model =
+        load_model<float>(context.trained("law-" + name, config, dataset, "constitutive"));
     context.begin(name, 0.06);
     const Measured measured = measure(
         context, setting.simulation(model.stress, setting.euler(), dataset.stagger()), dataset, n);
@@ -48,11 +52,9 @@ Study study_model_size(const StudyOptions& options) {
       chosen.push_back(&dataset.validation()[static_cast<std::size_t>(i)]);
     const double force = module_errors(model, dataset, chosen, context.frames()).stress.relative;
     const Index weights = nn::n_weights(model.stress.parameters());
-    std::vector<std::string> row{name, std::to_string(weights)};
-    for (const std::string& cell : cells(measured)) row.push_back(cell);
-    row.insert(row.end(), {number(100 * force) + " %", text(measured.diverged, " of ", n),
-                           size.paper > 0 ? number(size.paper) : "-"});
-    result.rows.push_back(row);
+    result.rows.push_back(row({name, std::to_string(weights)}, measured.rmse,
+                              {number(100 * force) + " %", text(measured.diverged, " of ", n),
+                               size.paper > 0 ? number(size.paper) : "-"}));
     json["sizes"].push_back({{"hidden", size.hidden},
                              {"weights", weights},
                              {"force_error", force},
@@ -64,7 +66,7 @@ Study study_model_size(const StudyOptions& options) {
       text("Each net has seen ", config.constitutive.iterations,
            " minibatches of the first stage, with one seed; the integrator beside it is "
            "the analytic one. The paper compares 64-40 with its 96-80.")};
-  result.figures = curves_figure("Error over time", curves);
+  result.figures = error_figure(curves);
   result.json = json.dump();
   return result;
 }

@@ -46,9 +46,9 @@ Study study_resolution(const StudyOptions& options) {
         dataset, n);
   }
 
-  Study result{"resolution", "A finer mesh than in training", {}, {{"method"}}, "", ""};
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
-  result.rows[0].insert(result.rows[0].end(), {"diverged", "seconds", "verdict"});
+  Study result{"resolution", "A finer mesh than in training",
+               {},           {header(context, {"method"}, {"diverged", "seconds", "verdict"})},
+               "",           ""};
   Json json{{"study", "resolution"},
             {"scale", context.scale_name()},
             {"goal", kGoal},
@@ -58,17 +58,15 @@ Study study_resolution(const StudyOptions& options) {
             {"h", h},
             {"methods", Json::object()}};
   for (const auto& [method, measured] : all) {
-    std::vector<std::string> row{method};
-    for (const std::string& cell : cells(measured)) row.push_back(cell);
     const bool good = mean(measured.rmse.rbegin()->second) <= kGoal && measured.diverged == 0;
-    row.insert(row.end(), {text(measured.diverged, " of ", n), number(measured.seconds),
-                           method != "neural at h / 2" ? ""
-                           : good                      ? "goal"
-                                                       : "missed"});
-    result.rows.push_back(row);
+    result.rows.push_back(row({method}, measured.rmse,
+                              {text(measured.diverged, " of ", n), number(measured.seconds),
+                               method != "neural at h / 2" ? ""
+                               : good                      ? "goal"
+                                                           : "missed"}));
     json["methods"][method] = Json::parse(json_of(measured));
   }
-  result.figures = curves_figure("Error over time", all);
+  result.figures = error_figure(all);
   result.figures += recorded_and_predicted(
       text(scene.vertices_per_edge, "^3 at h / 2"),
       setting.simulation(model.stress, model.integration, setting.stagger(model.info, 2), 2),

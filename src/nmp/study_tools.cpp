@@ -43,10 +43,7 @@ void Context::part(double done) const {
 }
 
 Scene Context::scene(const std::string& name) const {
-  Scene scene = read_scene(name);
-  scene.mesh_folders.insert(scene.mesh_folders.end(), options_.mesh_folders.begin(),
-                            options_.mesh_folders.end());
-  return scene;
+  return read_scene(name, {}, options_.mesh_folders);
 }
 
 Dataset Context::data(const std::string& folder, const Scene& scene) const {
@@ -54,14 +51,7 @@ Dataset Context::data(const std::string& folder, const Scene& scene) const {
   make.progress = [this](double done) { part(done); };
   make.warn = options_.warn;
   make.stop = options_.stop;
-  std::filesystem::create_directories(options_.work);
-  const Manifest manifest = generate_dataset(scene, options_.work / folder, make);
-  if (static_cast<Index>(manifest.train.size()) < scene.train ||
-      static_cast<Index>(manifest.validation.size()) < scene.validation) {
-    part(1);
-    throw std::runtime_error("stopped while trajectories were made");
-  }
-  return Dataset::open(options_.work / folder);
+  return make_dataset(scene, options_.work / folder, make);
 }
 
 Dataset Context::validation(const std::string& name) const {
@@ -88,9 +78,8 @@ Model<float> Context::model(const std::string& scene) const {
   return load_model<float>(model_path(scene));
 }
 
-Model<float> Context::trained(const std::string& name, const TrainConfig& config,
-                              const Dataset& dataset, const std::string& stage,
-                              const Path& start) const {
+Path Context::trained(const std::string& name, const TrainConfig& config, const Dataset& dataset,
+                      const std::string& stage, const Path& start) const {
   TrainingRunOptions options;
   options.start = start;
   options.resume = true;
@@ -99,13 +88,17 @@ Model<float> Context::trained(const std::string& name, const TrainConfig& config
   options.train.progress = [this](const TrainEvent& event) {
     part(static_cast<double>(event.iteration + 1) / static_cast<double>(event.iterations));
   };
-  const Path out = options_.work / (name + ".safetensors");
-  std::filesystem::create_directories(options_.work);
+  // Of another configuration, dataset or start it is another model, with a file of its own.
+  std::string made_from = to_toml(config) + stage + hash_file(dataset.folder() / "manifest.json");
+  if (!start.empty()) made_from += hash_file(start);
+  const Path out =
+      options_.work / text(dataset.manifest().scene_name, "-", name, "-",
+                           hex(hash_bytes(made_from.data(), made_from.size())), ".safetensors");
   if (!run_training(config, dataset, out, options).result.complete) {
     part(1);
     throw std::runtime_error("stopped while " + out.string() + " was trained");
   }
-  return load_model<float>(out);
+  return out;
 }
 
 template <class Real>
@@ -154,10 +147,16 @@ std::string mean_and_spread(const std::vector<double>& values) {
   return number(both.mean) + " +- " + digits;
 }
 
-std::vector<std::string> cells(const Measured& measured) {
-  std::vector<std::string> all;
-  for (const auto& [horizon, errors] : measured.rmse) all.push_back(mean_and_spread(errors));
-  return all;
+Row header(const Context& context, Row first, const Row& last) {
+  for (const Index t : context.horizons()) first.push_back(text("RMSE at ", t, " [m]"));
+  first.insert(first.end(), last.begin(), last.end());
+  return first;
+}
+
+Row row(Row first, const Errors& errors, const Row& last) {
+  for (const auto& [horizon, each] : errors) first.push_back(mean_and_spread(each));
+  first.insert(first.end(), last.begin(), last.end());
+  return first;
 }
 
 std::string json_of(const Measured& measured) {
@@ -231,29 +230,43 @@ std::string recorded_and_predicted(const std::string& name, const Simulation<flo
                  picture("predicted", x, {0.1, 0.5, 0.75})});
 }
 
-std::string curves_figure(const std::string& name, const std::map<std::string, Measured>& all) {
+std::string lines_figure(const std::string& name, const std::string& y_label, bool log_y,
+                         const std::vector<Line>& lines) {
   LinePlot plot;
   plot.name = name;
   plot.x_label = "frame";
-  plot.y_label = "RMSE [m]";
+  plot.y_label = y_label;
+  plot.log_y = log_y;
+  plot.labels = false;
   std::vector<report::LegendItem> items;
-  int colour = 0;
-  for (const auto& [label, measured] : all) {
-    if (measured.curves.empty()) continue;
-    const Stroke stroke{colour % 8, colour >= 8 ? "5 3" : "", 1.8, 1};
-    Curve curve{label, stroke, {}, {}, {}, {}};
-    for (const std::size_t t : report::thinned(measured.curves.front().size(), 200)) {
-      double sum = 0;
-      for (const auto& each : measured.curves) sum += each[t];
+  for (std::size_t k = 0; k < lines.size(); ++k) {
+    const Line& line = lines[k];
+    const Stroke stroke =
+        line.stroke.value_or(Stroke{static_cast<int>(k % 8), k >= 8 ? "5 3" : "", 1.8, 1});
+    Curve curve{line.label, stroke, {}, {}, {}, {}};
+    for (const std::size_t t : report::thinned(line.y.size(), 250)) {
       curve.x.push_back(static_cast<double>(t));
-      curve.y.push_back(sum / static_cast<double>(measured.curves.size()));
+      curve.y.push_back(line.y[t]);
     }
     plot.curves.push_back(curve);
-    items.push_back({stroke, label});
-    ++colour;
+    items.push_back({stroke, line.label});
   }
   return "<figure><figcaption>" + escape_html(name) + "</figcaption>" + report::both_widths(plot) +
          report::legend(items) + "</figure>\n";
+}
+
+std::string error_figure(const std::map<std::string, Measured>& all, const std::string& of) {
+  std::vector<Line> lines;
+  for (const auto& [label, measured] : all) {
+    if (measured.curves.empty()) continue;
+    Line line{label, std::vector<double>(measured.curves.front().size()), {}};
+    for (const auto& each : measured.curves)
+      for (std::size_t t = 0; t < line.y.size(); ++t)
+        line.y[t] += each[t] / static_cast<double>(measured.curves.size());
+    lines.push_back(line);
+  }
+  return lines_figure(of + (of.empty() ? "Error over time" : ": error over time"), "RMSE [m]", true,
+                      lines);
 }
 
 }  // namespace nmp::study

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -47,10 +48,11 @@ class Context {
   Dataset training(const std::string& scene) const;
 
   Model<float> model(const std::string& scene) const;
-  /// A model trained with a configuration, or found where an earlier call has left it.
+  /// File of a model trained with a configuration, made if no earlier call has: its name holds a
+  /// hash of all that it is made from.
   /// @param stage  of the configuration   @param start  a model to go on from; empty: none
-  Model<float> trained(const std::string& name, const TrainConfig& config, const Dataset& dataset,
-                       const std::string& stage = "all", const Path& start = {}) const;
+  Path trained(const std::string& name, const TrainConfig& config, const Dataset& dataset,
+               const std::string& stage = "all", const Path& start = {}) const;
   Path model_path(const std::string& scene) const;
 
  private:
@@ -59,10 +61,11 @@ class Context {
   double begin_ = 0, share_ = 0;
 };
 
+using Errors = std::map<Index, std::vector<double>>;  // RMSE by horizon, of each trajectory [m]
 /// Rollouts of a pairing on the first n trajectories of a dataset's validation split.
 struct Measured {
-  std::map<Index, std::vector<double>> rmse;  // by horizon, of each trajectory [m]
-  std::vector<std::vector<double>> curves;    // rmse at every frame of each trajectory [m]
+  Errors rmse;
+  std::vector<std::vector<double>> curves;  // rmse at every frame of each trajectory [m]
   Index diverged = 0;
   double seconds = 0;  // of one rollout, the median
 };
@@ -76,12 +79,14 @@ std::string mean_and_spread(const std::vector<double>& values);
 /// "%.3g"
 std::string number(double value);
 
-/// The errors at all horizons, as cells of a table and as JSON: {"100": {"mean":, "std":,
-/// "each":}}.
-std::vector<std::string> cells(const Measured& measured);
+/// A table's header and rows: first cells, a column of errors for each horizon, last cells.
+using Row = std::vector<std::string>;
+Row header(const Context& context, Row first, const Row& last = {});
+Row row(Row first, const Errors& errors, const Row& last = {});
+/// {"rmse": {"100": {"mean":, "std":, "each":}}, "diverged":, "seconds":}
 std::string json_of(const Measured& measured);
 
-/// The pinned and the free surface of a dataset's mesh.
+/// Of a dataset's mesh.
 fem::Surface surface_of(const Dataset& dataset);
 /// States of a rollout that pictures are made of: of the last frame, or of frames asked for.
 template <class Real>
@@ -100,7 +105,15 @@ std::string panels(const std::vector<Panel>& all);
 /// The first validation trajectory at a frame, as recorded and as rolled out.
 std::string recorded_and_predicted(const std::string& name, const Simulation<float>& simulation,
                                    const Dataset& dataset, Index frame);
+/// Values over the frames.
+struct Line {
+  std::string label;
+  std::vector<double> y;
+  std::optional<Stroke> stroke = {};  // none: by its place
+};
+std::string lines_figure(const std::string& name, const std::string& y_label, bool log_y,
+                         const std::vector<Line>& lines);
 /// Errors over time of several methods, the mean over their trajectories.
-std::string curves_figure(const std::string& name, const std::map<std::string, Measured>& all);
+std::string error_figure(const std::map<std::string, Measured>& all, const std::string& of = "");
 
 }  // namespace nmp::study

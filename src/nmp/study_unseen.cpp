@@ -33,9 +33,9 @@ Study study_unseen(const StudyOptions& options) {
   Context context(options);
   std::vector<std::string> scenes{"cube"};
   if (!context.smoke()) scenes = {"bob", "spot", "cube", "cubexl"};
-  Study result{"unseen", "Unseen starts", {}, {{"scene", "method"}}, "", ""};
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
-  result.rows[0].insert(result.rows[0].end(), {"diverged", "verdict"});
+  Study result{"unseen", "Unseen starts",
+               {},       {header(context, {"scene", "method"}, {"diverged", "verdict"})},
+               "",       ""};
   Json json{{"study", "unseen"},
             {"scale", context.scale_name()},
             {"goal", kGoal},
@@ -63,19 +63,18 @@ Study study_unseen(const StudyOptions& options) {
         context, exact.simulation(exact.law(), exact.euler(), dataset.stagger()), dataset, n);
     Json methods = Json::object();
     for (const auto& [method, measured] : all) {
-      std::vector<std::string> row{name, method};
-      for (const std::string& cell : cells(measured)) row.push_back(cell);
-      row.push_back(text(measured.diverged, " of ", n));
       const bool good = mean(measured.rmse.rbegin()->second) <= kGoal && measured.diverged == 0;
-      row.push_back(method != "neural" ? "" : good ? "goal" : "missed");
-      result.rows.push_back(row);
+      result.rows.push_back(row({name, method}, measured.rmse,
+                                {text(measured.diverged, " of ", n), method != "neural" ? ""
+                                                                     : good             ? "goal"
+                                                                            : "missed"}));
       methods[method] = Json::parse(json_of(measured));
     }
     json["scenes"].push_back({{"scene", name},
                               {"speed", {*scene.speed_min, *scene.speed_max}},
                               {"spin", scene.spin},
                               {"methods", methods}});
-    result.figures += curves_figure(name + ": error over time", all);
+    result.figures += error_figure(all, name);
     result.figures +=
         recorded_and_predicted(name, setting.simulation(model), dataset, context.frames());
   }

@@ -18,7 +18,7 @@ constexpr double kPaper = 231094;    // violations of the paper's NMP
 // Violations at every frame of each trajectory: elements with |det F - 1| > 0.05.
 struct Violations {
   std::vector<std::vector<double>> at;
-  std::map<Index, std::vector<double>> rmse;
+  Errors rmse;
   /// Over frames 1 ... last, the mean over trajectories.
   double total() const {
     double sum = 0;
@@ -53,8 +53,8 @@ Study study_volume(const StudyOptions& options) {
     context.begin("training, " + name, 0.2);
     config.name = name;
     config.joint.volume_weight = weight;
-    return context.trained(text("cube-", context.scale_name(), "-", name), config, dataset, "joint",
-                           context.model_path("cube"));
+    return load_model<float>(
+        context.trained(name, config, dataset, "joint", context.model_path("cube")));
   };
   const Model<float> off = continued("hinge-off", 0), on = continued("hinge-on", 0.1),
                      strong = continued("hinge-strong", 10);
@@ -94,48 +94,31 @@ Study study_volume(const StudyOptions& options) {
   roll("hinge on, 10", &strong);
 
   const double truth = all.at("recorded").total();
-  Study result{
-      "volume", "Preservation of volume", {}, {{"on CUBE", "violations", "of recorded"}}, "", ""};
-  for (const Index t : context.horizons()) result.rows[0].push_back(text("RMSE at ", t, " [m]"));
+  Study result{"volume", "Preservation of volume",
+               {},       {header(context, {"on CUBE", "violations", "of recorded"})},
+               "",       ""};
   Json json{{"study", "volume"},
             {"scale", context.scale_name()},
             {"tolerance", kTolerance},
             {"paper", kPaper},
             {"methods", Json::object()}};
   for (const auto& [name, found] : all) {
-    std::vector<std::string> row{name, text(std::llround(found.total())),
-                                 truth > 0 ? number(100 * found.total() / truth) + " %" : "-"};
+    result.rows.push_back(row({name, text(std::llround(found.total())),
+                               truth > 0 ? number(100 * found.total() / truth) + " %" : "-"},
+                              found.rmse));
     Json errors = Json::object();
-    for (const auto& [t, each] : found.rmse) {
-      row.push_back(name == "recorded" ? "0" : mean_and_spread(each));
-      errors[std::to_string(t)] = mean(each);
-    }
-    result.rows.push_back(row);
+    for (const auto& [t, each] : found.rmse) errors[std::to_string(t)] = mean(each);
     json["methods"][name] = {{"violations", found.total()}, {"rmse", errors}};
   }
 
   for (std::size_t i = 0; i < std::min<std::size_t>(3, static_cast<std::size_t>(n)); ++i) {
-    LinePlot plot;
-    plot.name = "Violations of " + dataset.validation()[i].name();
-    plot.x_label = "frame";
-    plot.y_label = "elements";
-    plot.log_y = false;
-    plot.labels = false;
-    std::vector<report::LegendItem> items;
-    int colour = 0;
+    std::vector<Line> lines;
     for (const auto& [name, found] : all) {
-      const Stroke stroke{name == "recorded" ? 6 : colour++, "", name == "recorded" ? 4.0 : 1.5,
-                          name == "recorded" ? 0.4 : 1};
-      Curve curve{name, stroke, {}, {}, {}, {}};
-      for (const std::size_t t : report::thinned(found.at[i].size(), 250)) {
-        curve.x.push_back(static_cast<double>(t));
-        curve.y.push_back(found.at[i][t]);
-      }
-      plot.curves.push_back(curve);
-      items.push_back({stroke, name});
+      lines.push_back({name, found.at[i]});
+      if (name == "recorded") lines.back().stroke = Stroke{6, "", 4, 0.4};
     }
-    result.figures += "<figure><figcaption>" + escape_html(plot.name) + "</figcaption>" +
-                      report::both_widths(plot) + report::legend(items) + "</figure>\n";
+    result.figures +=
+        lines_figure("Violations of " + dataset.validation()[i].name(), "elements", false, lines);
   }
   result.notes = {
       text("A violation is an element with |det F - 1| > ", kTolerance,

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
 
 #include "base/check.h"
 #include "nmp/body.h"
@@ -35,24 +34,16 @@ std::string verdict(const Table1Cell& cell) {
 // The validation trajectories of a shipped scene, made if they are not there.
 Dataset validation_data(const std::string& name, const Table1Options& options,
                         const std::function<void(double)>& progress) {
-  Scene scene = read_scene(name);
+  Scene scene = read_scene(name, {}, options.mesh_folders);
   scene.train = 0;
   scene.validation = options.trajectories;
   scene.frames = *std::max_element(options.horizons.begin(), options.horizons.end());
-  scene.mesh_folders.insert(scene.mesh_folders.end(), options.mesh_folders.begin(),
-                            options.mesh_folders.end());
   DataGenOptions make;
   make.progress = progress;
   make.warn = options.warn;
   make.stop = options.stop;
-  const Path folder = options.work / text(name, "-", scene.validation, "x", scene.frames);
-  std::filesystem::create_directories(options.work);
-  const Manifest manifest = generate_dataset(scene, folder, make);
-  if (static_cast<Index>(manifest.validation.size()) < scene.validation) {
-    progress(1);
-    throw std::runtime_error("stopped while trajectories were made");
-  }
-  return Dataset::open(folder);
+  return make_dataset(scene, options.work / text(name, "-", scene.validation, "x", scene.frames),
+                      make);
 }
 
 Table1Cell make_cell(const Evaluation& evaluation, const std::string& scene, Index horizon) {
@@ -96,9 +87,7 @@ Table1 reproduce_table1(const Table1Options& options) {
     if (std::find(table1_scenes().begin(), table1_scenes().end(), scene) == table1_scenes().end())
       throw ConfigError("Table 1 has the scenes cube, cubexl, spot and bob, not '" + scene + "'");
     models.push_back(load_model<float>(options.models / (scene + ".safetensors")));
-    Scene settings = read_scene(scene);
-    settings.mesh_folders.insert(settings.mesh_folders.end(), options.mesh_folders.begin(),
-                                 options.mesh_folders.end());
+    const Scene settings = read_scene(scene, {}, options.mesh_folders);
     if (!settings.mesh_file.empty()) find_mesh(settings);
   }
 

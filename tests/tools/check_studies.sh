@@ -33,11 +33,17 @@ done
 grep -q 'nan\|NaN' out/reproduce/report.html && complain "the report holds something not a number"
 
 # Found again: trajectories, a trained model, and the other sections.
-made_at=$(stat -c %Y out/reproduce/cube-smoke-hinge-on.safetensors)
+models_made() { stat -c '%n %Y' out/reproduce/*-hinge-*.safetensors out/reproduce/*-law-*.safetensors; }
+made=$(models_made)
+[ "$(wc -l <<<"$made")" -ge 6 ] || complain "the studies left too few of their models"
 sleep 1
 expect 0 reproduce volume "${smoke[@]}" && prints "hinge off" && prints "out/reproduce/report.html"
-[ "$(stat -c %Y out/reproduce/cube-smoke-hinge-on.safetensors)" = "$made_at" ] ||
-  complain "a study trained its model again"
+[ "$(models_made)" = "$made" ] || complain "a study trained its models again"
+# From another start they are other models, with files of their own.
+mkdir other && cp "$models/cube-density.safetensors" other/cube.safetensors
+expect 0 reproduce volume --scale smoke --models other
+[ "$(models_made | wc -l)" -eq $(($(wc -l <<<"$made") + 3)) ] ||
+  complain "a study took models that were made from another start"
 
 expect 5 reproduce unseen --scale smoke --models no_such_folder && says "no_such_folder/cube.safetensors"
 NMP_MESHES='' expect 2 reproduce failure "${smoke[@]}" && says "bob.msh" && says "NMP_MESHES"
