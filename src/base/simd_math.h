@@ -122,7 +122,7 @@ struct Exponential<float> {
   static constexpr float rounder = 0x1.8p23f + 127;  // x + rounder ends with x, rounded, + bias
   static constexpr float largest = 112;              // 112 e^-112 is 0
   static constexpr std::int32_t mantissa = 23, lift = 64;
-  static constexpr float normal = 86;  // x e^-x is a normal number up to there
+  static constexpr float near = 40;  // up to there ln 2 rounded to a float does
   static constexpr float unlift = 0x1p-64f;
 };
 template <>
@@ -135,7 +135,7 @@ struct Exponential<double> {
   static constexpr double rounder = 0x1.8p52 + 1023;
   static constexpr double largest = 760;
   static constexpr std::int64_t mantissa = 52, lift = 128;
-  static constexpr double normal = 707;
+  static constexpr double near = 707;  // x e^-x is a normal number up to there
   static constexpr double unlift = 0x1p-128;
 };
 }  // namespace detail
@@ -204,34 +204,40 @@ template <class Real>
 struct Power {
   Lanes<Real> p, rounded;
 };
-template <class Real>
+template <class Real, bool near>
 NMP_INLINE Power<Real> exponential_parts(Lanes<Real> t) {
   using E = Exponential<Real>;
   const Lanes<Real> rounded = E::rounder + t * Real(1.4426950408889634);
   const Lanes<Real> k = rounded - E::rounder;
-  const Lanes<Real> r = (t - k * E::ln2_high) - k * E::ln2_low;
+  Lanes<Real> r;
+  if constexpr (near && sizeof(Real) == 4)
+    r = t - k * Real(0.6931471805599453);
+  else
+    r = (t - k * E::ln2_high) - k * E::ln2_low;
   constexpr int n = sizeof(E::p) / sizeof(E::p[0]);
   Lanes<Real> p = all_lanes<Real>(E::p[n - 1]);
   NMP_UNROLL
   for (int i = n - 2; i >= 0; --i) p = p * r + E::p[i];
-  return {r * r * p + r + Real(1), rounded};
+  p = p * r + Real(1);
+  return {p * r + Real(1), rounded};
 }
 
 }  // namespace detail
 
-/// For x that is_near(): no power of two leaves the normal numbers.
+/// For x that is_near().
 template <class Real>
 NMP_INLINE Silu<Real> silu_near(Lanes<Real> x) {
   using E = detail::Exponential<Real>;
-  const detail::Power<Real> power = detail::exponential_parts<Real>(-x);
+  const detail::Power<Real> power = detail::exponential_parts<Real, true>(-x);
   // The shift leaves k + bias alone: the rounder ends with the bias.
   const Lanes<Real> scale =
       reinterpret_cast<Lanes<Real>>(reinterpret_cast<LaneMask<Real>>(power.rounded) << E::mantissa);
+  const Lanes<Real> e = power.p * scale;
   Silu<Real> result;
-  result.sigma = reciprocal<Real>(Real(1) + power.p * scale);
-  result.complement = power.p * scale * result.sigma;
+  result.sigma = reciprocal<Real>(Real(1) + e);
+  result.complement = e * result.sigma;
   result.y = x * result.sigma;
-  result.slope = result.sigma * (Real(1) + x * result.complement);
+  result.slope = result.sigma + result.y * result.complement;
   return result;
 }
 
@@ -247,7 +253,7 @@ template <class Real>
   const V a = x < -largest ? -largest : x;
   V t = absolute<Real>(x);
   t = t > largest ? largest : t;
-  const Power<Real> power = exponential_parts<Real>(-t);
+  const Power<Real> power = exponential_parts<Real, false>(-t);
   // The exponent of 2^(k + lift), never below the normal ones.
   const V scale = reinterpret_cast<V>((reinterpret_cast<LaneMask<Real>>(power.rounded) + E::lift)
                                       << E::mantissa);
@@ -277,14 +283,14 @@ NMP_INLINE LaneMask<Real> larger_magnitude(LaneMask<Real> than, Lanes<Real> x) {
 template <class Real>
 NMP_INLINE bool is_near(LaneMask<Real> magnitude) {
   const auto limit = reinterpret_cast<LaneMask<Real>>(
-      all_lanes<Real>(static_cast<Real>(detail::Exponential<Real>::normal)));
+      all_lanes<Real>(static_cast<Real>(detail::Exponential<Real>::near)));
   return !any<Real>(magnitude > limit);
 }
 
 template <class Real>
 NMP_INLINE Silu<Real> silu_parts(Lanes<Real> x) {
   // Not true of a NaN.
-  const LaneMask<Real> near = absolute<Real>(x) <= Real(detail::Exponential<Real>::normal);
+  const LaneMask<Real> near = absolute<Real>(x) <= Real(detail::Exponential<Real>::near);
   if (__builtin_expect(any<Real>(~near), 0)) return detail::silu_anywhere<Real>(x, near);
   return silu_near<Real>(x);
 }

@@ -130,7 +130,7 @@ TEST_SUITE("base/simd_math") {
   }
 
   TEST_CASE_TEMPLATE("the largest magnitude tells which lanes are near", Real, float, double) {
-    constexpr auto limit = static_cast<Real>(detail::Exponential<Real>::normal);
+    constexpr auto limit = static_cast<Real>(detail::Exponential<Real>::near);
     const auto near = [](Real x) {
       Lanes<Real> lanes = {};
       lanes[kLanes<Real> - 1] = x;
