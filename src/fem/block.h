@@ -4,12 +4,12 @@
 #include "base/parallel.h"
 #include "base/simd.h"
 
-/// Work on 64 elements at a time. Their entries stand side by side in local arrays of fixed length,
-/// which the compiler knows to be distinct, so that a loop over the lanes becomes SIMD; the last
-/// block is filled up, so that an element's bits do not depend on its position.
+/// Work on 128 elements at a time. Their entries stand side by side in local arrays of fixed
+/// length, which the compiler knows to be distinct, so that a loop over the lanes becomes SIMD; the
+/// last block is filled up, so that an element's bits do not depend on its position.
 namespace nmp::fem {
 
-constexpr Index kBlock = 64;
+constexpr Index kBlock = 128;
 constexpr Index kElementChunk = 16 * kBlock;  // elements per parallel range
 constexpr Index kVertexChunk = 512;
 

@@ -22,7 +22,14 @@ using fem::Entries;
 using fem::kBlock;
 
 static_assert(nn::MlpTile<float>::kRows == kBlock, "a tile of the net is a block of elements");
-constexpr int kFeatures = 13;
+
+// Of the 13 features C is symmetric, and of the 9 outputs y sym(y) is all that counts.
+constexpr int kFeatures = 10, kOutputs = 6;
+constexpr Index kFeatureOf[13] = {0, 1, 2, 3, 4, 5, 4, 6, 7, 5, 7, 8, 9};
+constexpr Index kOutputOf[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
+template <class Real>
+constexpr Real kHalves[9] = {1,         Real(0.5), Real(0.5), Real(0.5), 1,
+                             Real(0.5), Real(0.5), Real(0.5), 1};
 
 // 16 x #T for the time of a call: not in a tape's arena, which would keep it.
 template <class Real>
@@ -37,8 +44,13 @@ struct StressBlock {
   Block<Real, 9> F, U, V, R;
   Block<Real, 3> sigma;
   Block<Real, kFeatures> z;
-  Block<Real, 9> S;  // sym(y)
+  Block<Real, kOutputs> S;  // of sym(y) the entries 00, 01, 02, 11, 12, 22
 };
+
+template <class Real>
+NMP_INLINE Entries<Real> symmetric_entries(const Block<Real, kOutputs>& S, Index l) {
+  return {S[0][l], S[1][l], S[2][l], S[1][l], S[3][l], S[4][l], S[2][l], S[4][l], S[5][l]};
+}
 
 // F, its factors, R = U V^T and the features, each computed from H = F - I (StressNet::features).
 template <class Real>
@@ -64,24 +76,10 @@ void compute_features(const fem::TetMesh<Real>& mesh, const Real* x_rows, Index 
     b.z[3][l] = s * ((H.m00 + H.m00) + HtH.m00);
     b.z[4][l] = s * C01;
     b.z[5][l] = s * C02;
-    b.z[6][l] = s * C01;
-    b.z[7][l] = s * ((H.m11 + H.m11) + HtH.m11);
-    b.z[8][l] = s * C12;
-    b.z[9][l] = s * C02;
-    b.z[10][l] = s * C12;
-    b.z[11][l] = s * ((H.m22 + H.m22) + HtH.m22);
-    b.z[12][l] = s * (trace + minors + det);
-  }
-}
-
-// S = sym(y).
-template <class Real>
-void take_outputs(const Real* y, Index stride, StressBlock<Real>& b) {
-  Block<Real, 9> outputs;
-  transpose_padded<Real, Index>(y, stride, kBlock, 9, outputs[0], kBlock);
-  for (Index l = 0; l < kBlock; ++l) {
-    const Entries<Real> Y = entries(outputs, l);
-    set_entries(b.S, l, combine(Real(0.5), Y, Real(0.5), transpose(Y)));
+    b.z[6][l] = s * ((H.m11 + H.m11) + HtH.m11);
+    b.z[7][l] = s * C12;
+    b.z[8][l] = s * ((H.m22 + H.m22) + HtH.m22);
+    b.z[9][l] = s * (trace + minors + det);
   }
 }
 
@@ -89,19 +87,23 @@ void take_outputs(const Real* y, Index stride, StressBlock<Real>& b) {
 // besides z. P = scale R S:  S_bar = scale R^T P_bar,  R_bar = scale P_bar S.
 template <class Real>
 void adjoint_of_product(const Block<Real, 9>& P_bar, Real scale, const StressBlock<Real>& b,
-                        Block<Real, 9>& outputs, Block<Real, 9>& K) {
+                        Block<Real, kOutputs>& outputs, Block<Real, 9>& K) {
   for (Index l = 0; l < kBlock; ++l) {
     const Entries<Real> bar = entries(P_bar, l), R = entries(b.R, l);
     const Entries<Real> S_bar = product(transpose(R), bar);
-    set_entries(outputs, l, combine(Real(0.5) * scale, S_bar, Real(0.5) * scale, transpose(S_bar)));
+    outputs[0][l] = scale * S_bar.m00, outputs[3][l] = scale * S_bar.m11;
+    outputs[5][l] = scale * S_bar.m22, outputs[1][l] = scale * (S_bar.m01 + S_bar.m10);
+    outputs[2][l] = scale * (S_bar.m02 + S_bar.m20),
+    outputs[4][l] = scale * (S_bar.m12 + S_bar.m21);
     const Entries<Real> UtR_bar = product(transpose(entries(b.U, l)), bar);
-    set_entries(K, l, product(product(UtR_bar, entries(b.S, l)), entries(b.V, l)));
+    set_entries(K, l, product(product(UtR_bar, symmetric_entries(b.S, l)), entries(b.V, l)));
   }
   for (int k = 0; k < 9; ++k)
     for (Index l = 0; l < kBlock; ++l) K[k][l] *= scale;
 }
 
-// F_bar = U (diag(sigma_bar) + W) V^T + F (D_bar + D_bar^T) + j_bar cof F, with the sigma_bar of
+// F_bar = U (diag(sigma_bar) + W) V^T + F D + j_bar cof F, D the sum of the adjoint of C and its
+// transpose, with the sigma_bar of
 // tied values averaged and W of the polar rotation (autodiff/polar_rotation.h).
 template <class Real>
 void adjoint_of_features(const Block<Real, kFeatures>& z_bar, const Block<Real, 9>& K, Index count,
@@ -130,10 +132,10 @@ void adjoint_of_features(const Block<Real, kFeatures>& z_bar, const Block<Real, 
   }
   for (Index l = 0; l < kBlock; ++l) {
     const Entries<Real> F = entries(b.F, l);
-    const Entries<Real> D{z_bar[3][l], z_bar[4][l], z_bar[5][l],  z_bar[6][l], z_bar[7][l],
-                          z_bar[8][l], z_bar[9][l], z_bar[10][l], z_bar[11][l]};
-    const Entries<Real> twice = combine(Real(1), D, Real(1), transpose(D));
-    const Entries<Real> rest = combine(Real(1), product(F, twice), z_bar[12][l], cofactors(F));
+    const Real d00 = z_bar[3][l], d11 = z_bar[6][l], d22 = z_bar[8][l];
+    const Entries<Real> D{d00 + d00,   z_bar[4][l], z_bar[5][l], z_bar[4][l], d11 + d11,
+                          z_bar[7][l], z_bar[5][l], z_bar[7][l], d22 + d22};
+    const Entries<Real> rest = combine(Real(1), product(F, D), z_bar[9][l], cofactors(F));
     set_entries(F_bar, l, combine(Real(1), entries(F_bar, l), Real(1), rest));
   }
 }
@@ -156,20 +158,22 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
   const nn::TileInputs<Real> inputs = nn::with_weights<Real>(net, &x, 1);
   bool adjoint_wanted = false;
   for (std::size_t i = 0; i < inputs.n; ++i) adjoint_wanted |= inputs.at[i].needs_grad();
-  const nn::MlpTile<Real> forward(net, adjoint_wanted);
-  NMP_CHECK(forward.n_in() == kFeatures && forward.n_out() == 9,
-            text("a stress net goes from 13 to 9 numbers, this one from ", forward.n_in(), " to ",
-                 forward.n_out()));
+  auto folded = net;
+  folded.in = {13, kFeatures, kFeatureOf, nullptr};
+  folded.out = {9, kOutputs, kOutputOf, kHalves<Real>};
+  const nn::MlpTile<Real> forward(folded, adjoint_wanted);
   MatrixMap<Real> corners = corner_memory<Real>(n_tets);
   forward.for_each(n_tets, [&](const Scratch& scratch, Index begin, Index count) {
     StressBlock<Real> b;
     compute_features<Real>(mesh, x_rows, begin, count, reciprocal, b);
     transpose_padded<Real, Index>(b.z[0], kBlock, kFeatures, kBlock, forward.input(scratch),
                                   forward.in_stride());
-    take_outputs(forward.forward(scratch, kBlock), forward.out_stride(), b);
+    transpose_padded<Real, Index>(forward.forward(scratch, kBlock), forward.out_stride(), kBlock,
+                                  kOutputs, b.S[0], kBlock);
     Block<Real, 9> P;
     Block<Real, 1> minus_V;
-    for (Index l = 0; l < kBlock; ++l) set_entries(P, l, product(entries(b.R, l), entries(b.S, l)));
+    for (Index l = 0; l < kBlock; ++l)
+      set_entries(P, l, product(entries(b.R, l), symmetric_entries(b.S, l)));
     load(mesh.volumes(), 0, begin, count, minus_V);
     for (Index l = 0; l < kBlock; ++l) minus_V[0][l] *= -scale;
     fem::corners_of_block<Real>(mesh, P, minus_V, begin, count, corners);
@@ -189,10 +193,12 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
       compute_features<Real>(mesh, rows_again, begin, count, reciprocal, b);
       transpose_padded<Real, Index>(b.z[0], kBlock, kFeatures, kBlock, tile.input(scratch),
                                     tile.in_stride());
-      take_outputs(tile.forward(scratch, kBlock, true), tile.out_stride(), b);
+      transpose_padded<Real, Index>(tile.forward(scratch, kBlock, true), tile.out_stride(), kBlock,
+                                    kOutputs, b.S[0], kBlock);
 
       // f_int = -sum V P grad N:  P_bar = -V F(f_bar).
-      Block<Real, 9> P_bar, outputs, K;
+      Block<Real, 9> P_bar, K;
+      Block<Real, kOutputs> outputs;
       Block<Real, 1> V;
       fem::gradient_of_block<Real>(mesh, f_bar_rows, begin, count, P_bar);
       load(mesh.volumes(), 0, begin, count, V);
@@ -200,7 +206,7 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
         for (Index l = 0; l < kBlock; ++l) P_bar[k][l] *= -V[0][l];
       adjoint_of_product(P_bar, scale, b, outputs, K);
       Real* y_bar = tile.output_bar(scratch);
-      transpose_padded<Real, Index>(outputs[0], kBlock, 9, kBlock, y_bar, tile.out_stride());
+      transpose_padded<Real, Index>(outputs[0], kBlock, kOutputs, kBlock, y_bar, tile.out_stride());
 
       const Real* z_rows = tile.backward(scratch, count, weight_bars, x_wanted);
       if (!x_wanted) return;

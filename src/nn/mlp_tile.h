@@ -19,7 +19,7 @@ namespace nmp::nn {
 template <class Real>
 class MlpTile {
  public:
-  static constexpr Index kRows = 64;
+  static constexpr Index kRows = 128;
 
   /// y = x W^T + b of some of a layer's inputs: W is n x k, b 1 x n or nothing.
   struct Piece {
@@ -33,10 +33,20 @@ class MlpTile {
     Index n_pieces = 0, n_in = 0, n_through = 0;
     bool silu = false;  // on the outputs of the pieces
   };
+  /// Of n numbers that a net has, those that are one for the tile: the net's k-th is of[k] of the
+  /// tile's n_unique. As inputs they are equal; as outputs the tile's is their sum, each times its
+  /// factor. Null where the tile has the net's own.
+  struct Fold {
+    Index n = 0, n_unique = 0;
+    const Index* of = nullptr;
+    const Real* factor = nullptr;
+    explicit operator bool() const { return of != nullptr; }
+  };
   /// In the arena of the weights' tape.
   struct Net {
     const Layer* layers = nullptr;
     Index n_layers = 0;
+    Fold in = {}, out = {};
   };
 
   /// What a tile works in: the values that backward() finds again, and the adjoints.
@@ -97,24 +107,34 @@ class MlpTile {
   }
 
  private:
-  static constexpr Index kChunkTiles = 4, kMaxChunks = 64;
+  static constexpr Index kChunkTiles = 2, kMaxChunks = 64;
   struct Shape {
     Layer layer;
     Index n_in, n_out, in_stride, out_stride;
     Index n_silu;                // so many of the outputs go through SiLU
     const Real* W_T;             // n_in x out_stride: W(:, k) in row k
     const Real* W;               // n_out x in_stride: W(n, :) in row n
+    const Real* W_pairs;         // W(:, k) and W(:, k + 1) in row k / 2, alternating, or null
     const Real* b;               // out_stride, or null
     Index W_bar_at, b_bar_at;    // in the sums: out_stride x in_stride, out_stride
     Index x_at, y_at, slope_at;  // in a tile's values
     Index y_bar_at;              // in its adjoints
   };
   const Shape& last() const { return shapes_[n_layers_ - 1]; }
+  // A layer's input k and output n among the tile's.
+  Index in_of(Index layer, Index k) const { return layer == 0 && in_ ? in_.of[k] : k; }
+  Index out_of(Index layer, Index n) const {
+    return layer == n_layers_ - 1 && out_ ? out_.of[n] : n;
+  }
+  Real out_factor(Index layer, Index n) const {
+    return layer == n_layers_ - 1 && out_ ? out_.factor[n] : Real(1);
+  }
   Scratch scratch_of(Index begin, Real* memory) const;
   Real* new_sums(Index n_sets) const;
   void add_sums(Real* sums, Index n_sets) const;
 
   Shape* shapes_;  // in the arena of the layers' tape, as what they point to
+  Fold in_, out_;
   Index n_layers_, values_size_ = 0, adjoints_size_ = 0, bars_size_ = 0, x_bar_at_ = 0;
   bool adjoint_, weights_wanted_ = false;
 };

@@ -8,6 +8,7 @@
 #include "autodiff/ops_dense.h"
 #include "autodiff/ops_rows.h"
 #include "base/parallel.h"
+#include "nn/check_fused.h"
 
 using namespace nmp;
 using ad::check_gradient;
@@ -101,7 +102,8 @@ TEST_SUITE("nn/mlp") {
                      double) {
     const double tolerance = std::is_same_v<Real, float> ? 1e-5 : 1e-13;
     const std::vector<std::vector<Index>> nets{{13, 80, 96, 9},  {13, 64, 40, 9}, {3, 64, 128},
-                                               {140, 64, 64, 3}, {1, 1},          {5, 200, 17, 33}};
+                                               {140, 64, 64, 3}, {1, 1},          {5, 200, 17, 33},
+                                               {7, 9, 5}};
     double worst = 0;
     for (const auto& widths : nets) {
       for (const bool bias : {false, true}) {
@@ -114,24 +116,11 @@ TEST_SUITE("nn/mlp") {
           CAPTURE(widths[1]);
           const Matrix<Real> x = random_matrix(rows, widths[0], 3).template cast<Real>(),
                              y_bar = random_matrix(rows, widths.back(), 4).template cast<Real>();
-          const auto run = [&](bool fused) {
-            for (auto* p : mlp.parameters()) p->zero_bar();
-            ad::Tape<Real> tape;
-            const auto in = tape.input(x);
-            const auto y = fused ? mlp(in) : mlp.compose(in);
-            std::vector<Matrix<Real>> all{y.value()};
-            tape.backward(y, y_bar);
-            all.push_back(in.bar());
-            for (auto* p : mlp.parameters()) all.push_back(p->bar());
-            return all;
-          };
-          const auto fast = run(true), plain = run(false);
-          for (std::size_t i = 0; i < fast.size(); ++i) {
-            const double size = static_cast<double>(plain[i].norm()) + 1e-30;
-            const double error = static_cast<double>((fast[i] - plain[i]).norm()) / size;
-            CHECK(error <= tolerance);
-            worst = std::max(worst, error);
-          }
+          worst = std::max(worst,
+                           nn::check_fused<Real>(
+                               mlp.parameters(), {x}, y_bar, tolerance,
+                               [&](auto&, const ad::Var<Real>* in) { return mlp(in[0]); },
+                               [&](auto&, const ad::Var<Real>* in) { return mlp.compose(in[0]); }));
         }
       }
     }
@@ -176,24 +165,15 @@ TEST_SUITE("nn/mlp") {
                                     .template cast<Real>();
         const Matrix<Real> x = random_matrix(group * n_groups, 3, 3).template cast<Real>(),
                            y_bar = random_matrix(n_groups, 128, 4).template cast<Real>();
-        const auto run = [&](bool fused) {
-          for (auto* p : mlp.parameters()) p->zero_bar();
-          ad::Tape<Real> tape;
-          const auto in = tape.input(x);
-          const auto y = fused ? nn::tile_group_max<Real>(mlp.leaves(tape, true), in, group)
-                               : ad::group_max(ad::silu(mlp.compose(in)), group);
-          std::vector<Matrix<Real>> all{y.value()};
-          tape.backward(y, y_bar);
-          all.push_back(in.bar());
-          for (auto* p : mlp.parameters()) all.push_back(p->bar());
-          return all;
-        };
-        const auto fast = run(true), plain = run(false);
-        for (std::size_t i = 0; i < fast.size(); ++i) {
-          const double error = static_cast<double>((fast[i] - plain[i]).norm() / plain[i].norm());
-          CHECK(error <= tolerance);
-          worst = std::max(worst, error);
-        }
+        const double error = nn::check_fused<Real>(
+            mlp.parameters(), {x}, y_bar, tolerance,
+            [&](auto& tape, const ad::Var<Real>* in) {
+              return nn::tile_group_max<Real>(mlp.leaves(tape, true), in[0], group);
+            },
+            [&](auto&, const ad::Var<Real>* in) {
+              return ad::group_max(ad::silu(mlp.compose(in[0])), group);
+            });
+        worst = std::max(worst, error);
       }
     }
     MESSAGE("worst ", worst);
@@ -220,38 +200,69 @@ TEST_SUITE("nn/mlp") {
   TEST_CASE("pieces on parts of the inputs and inputs that go through, from several batches") {
     std::vector<nn::Linear<double>> parts;
     for (const char* name : {"a", "b"}) parts.emplace_back(name, 3, 10, true, Random(5));
-    const nn::Mlp<double> rest("rest", {26, 7, 2}, true, Random(6));
-    const Matrix<double> p = random_matrix(70, 2, 1), q = random_matrix(70, 4, 2),
-                         y_bar = random_matrix(70, 2, 3);
-    const auto run = [&](bool fused) {
-      for (auto& part : parts) {
-        part.W().zero_bar();
-        for (auto* each : part.parameters()) each->zero_bar();
+    nn::Mlp<double> rest("rest", {26, 7, 2}, true, Random(6));
+    nn::ParameterList<double> parameters = rest.parameters();
+    for (auto& part : parts)
+      for (auto* each : part.parameters()) parameters.push_back(each);
+    nn::check_fused<double>(
+        parameters, {random_matrix(70, 2, 1), random_matrix(70, 4, 2)}, random_matrix(70, 2, 3),
+        1e-13,
+        [&](auto& tape, const ad::Var<double>* in) {
+          const auto net = rest.leaves(tape);
+          using Tile = nn::MlpTile<double>;
+          auto* layers = tape.template keep<Tile::Layer>(3);
+          layers[0] = {nn::pieces_of(tape, parts.data(), 2), 2, 6, 6, true};
+          std::copy_n(net.layers, 2, layers + 1);
+          return nn::tile_mlp<double>({layers, 3}, in, 2);
+        },
+        [&](auto&, const ad::Var<double>* in) {
+          const auto all = ad::concat<double>({in[0], in[1]});
+          return rest.compose(ad::concat<double>({ad::silu(parts[0](ad::slice(all, 0, 3))),
+                                                  ad::silu(parts[1](ad::slice(all, 3, 3))), all}));
+        });
+  }
+
+  TEST_CASE_TEMPLATE("inputs that are equal and outputs of which the sums count, folded", Real,
+                     float, double) {
+    using Tile = nn::MlpTile<Real>;
+    const double tolerance = std::is_same_v<Real, float> ? 1e-5 : 1e-13;
+    static constexpr Index kIn[5] = {0, 1, 0, 2, 1}, kOut[4] = {1, 0, 1, 2};
+    static constexpr Real kFactor[4] = {Real(0.5), 2, Real(-0.25), 1};
+    Matrix<Real> in_map = Matrix<Real>::Zero(5, 3), out_map = Matrix<Real>::Zero(3, 4);
+    for (Index k = 0; k < 5; ++k) in_map(k, kIn[k]) = 1;
+    for (Index n = 0; n < 4; ++n) out_map(kOut[n], n) = kFactor[n];
+    for (const auto& widths : std::vector<std::vector<Index>>{{5, 4}, {5, 17, 4}, {5, 20, 33, 4}}) {
+      for (const bool bias : {false, true}) {
+        nn::Mlp<Real> mlp("net", widths, bias, Random(2));
+        for (auto* p : mlp.parameters())
+          p->mutable_value() += random_matrix(p->value().rows(), p->value().cols(), 1, -0.1, 0.1)
+                                    .template cast<Real>();
+        const auto folded = [&](ad::Tape<Real>& tape) {
+          typename Tile::Net net = mlp.leaves(tape);
+          net.in = {5, 3, kIn, nullptr};
+          net.out = {4, 3, kOut, kFactor};
+          return net;
+        };
+        nn::check_fused<Real>(
+            mlp.parameters(), {random_matrix(150, 3, 3).template cast<Real>()},
+            random_matrix(150, 3, 4).template cast<Real>(), tolerance,
+            [&](auto& tape, const ad::Var<Real>* in) {
+              return nn::tile_mlp<Real>(folded(tape), in, 1);
+            },
+            [&](auto& tape, const ad::Var<Real>* in) {
+              const auto all = ad::linear(in[0], tape.constant(in_map));
+              return ad::linear(mlp.compose(all), tape.constant(out_map));
+            });
+        ad::Tape<Real> tape;
+        const ad::Var<Real> in = tape.input(Matrix<Real>::Ones(4, 3));
+        typename Tile::Net net = folded(tape);
+        net.in.n = 4;
+        CHECK_THROWS_AS(nn::tile_mlp<Real>(net, &in, 1), std::invalid_argument);
+        net = folded(tape);
+        net.out.n = 5;
+        CHECK_THROWS_AS(nn::tile_mlp<Real>(net, &in, 1), std::invalid_argument);
       }
-      ad::Tape<double> tape;
-      const ad::Var<double> in[2] = {tape.input(p), tape.input(q)};
-      ad::Var<double> y;
-      if (fused) {
-        const auto net = rest.leaves(tape);
-        using Tile = nn::MlpTile<double>;
-        Tile::Layer layers[3] = {{nn::pieces_of(tape, parts.data(), 2), 2, 6, 6, true}};
-        std::copy_n(net.layers, 2, layers + 1);
-        y = nn::tile_mlp<double>({layers, 3}, in, 2);
-        tape.backward(y, y_bar);
-      } else {
-        const auto all = ad::concat<double>({in[0], in[1]});
-        y = rest.compose(ad::concat<double>({ad::silu(parts[0](ad::slice(all, 0, 3))),
-                                             ad::silu(parts[1](ad::slice(all, 3, 3))), all}));
-        tape.backward(y, y_bar);
-      }
-      std::vector<Matrix<double>> result{y.value(), in[0].bar(), in[1].bar()};
-      for (auto& part : parts)
-        for (auto* each : part.parameters()) result.push_back(each->bar());
-      return result;
-    };
-    const auto fast = run(true), plain = run(false);
-    for (std::size_t i = 0; i < fast.size(); ++i)
-      CHECK((fast[i] - plain[i]).norm() <= 1e-13 * plain[i].norm());
+    }
   }
 
   TEST_CASE("a net on tiles refuses shapes that do not fit") {
