@@ -85,6 +85,24 @@ NMP_INLINE Lanes<Real> rough_reciprocal_root(Lanes<Real> x) {
   return Real(1) / square_root<Real>(x);
 }
 
+/// a - b c, rounded once: only where kFusedSteps<Real>.
+#if defined(__AVX512F__)
+template <class Real>
+inline constexpr bool kFusedSteps = sizeof(Real) == 4;
+NMP_INLINE Lanes<float> fused_step(Lanes<float> a, Lanes<float> b, Lanes<float> c) {
+  return (Lanes<float>)_mm512_fnmadd_ps((__m512)b, (__m512)c, (__m512)a);
+}
+#elif defined(__AVX__) && defined(__FMA__)
+template <class Real>
+inline constexpr bool kFusedSteps = sizeof(Real) == 4;
+NMP_INLINE Lanes<float> fused_step(Lanes<float> a, Lanes<float> b, Lanes<float> c) {
+  return (Lanes<float>)_mm256_fnmadd_ps((__m256)b, (__m256)c, (__m256)a);
+}
+#else
+template <class Real>
+inline constexpr bool kFusedSteps = false;
+#endif
+
 /// 1 / x to 1 ulp, for normal numbers of which that is one too.
 template <class Real>
 NMP_INLINE Lanes<Real> reciprocal(Lanes<Real> x) {
@@ -92,7 +110,7 @@ NMP_INLINE Lanes<Real> reciprocal(Lanes<Real> x) {
   if constexpr (sizeof(Real) == 4) {
     // A Newton step: faster than a division where many are needed.
     const Lanes<Real> y = rough_reciprocal<Real>(x);
-    return y + y * (Real(1) - x * y);
+    return y + y * fused_step(all_lanes<Real>(1), x, y);
   }
 #endif
   return Real(1) / x;
@@ -122,7 +140,7 @@ struct Exponential<float> {
   static constexpr float rounder = 0x1.8p23f + 127;  // x + rounder ends with x, rounded, + bias
   static constexpr float largest = 112;              // 112 e^-112 is 0
   static constexpr std::int32_t mantissa = 23, lift = 64;
-  static constexpr float near = 40;  // up to there ln 2 rounded to a float does
+  static constexpr float near = 40;  // up to there a fused step with ln 2 as a float does
   static constexpr float unlift = 0x1p-64f;
 };
 template <>
@@ -210,8 +228,8 @@ NMP_INLINE Power<Real> exponential_parts(Lanes<Real> t) {
   const Lanes<Real> rounded = E::rounder + t * Real(1.4426950408889634);
   const Lanes<Real> k = rounded - E::rounder;
   Lanes<Real> r;
-  if constexpr (near && sizeof(Real) == 4)
-    r = t - k * Real(0.6931471805599453);
+  if constexpr (near && kFusedSteps<Real>)
+    r = fused_step(t, k, all_lanes<Real>(Real(0.6931471805599453)));
   else
     r = (t - k * E::ln2_high) - k * E::ln2_low;
   constexpr int n = sizeof(E::p) / sizeof(E::p[0]);
