@@ -3,7 +3,10 @@
 
 #include "autodiff/checkpoint.h"
 #include "autodiff/ops_basic.h"
+#include "autodiff/ops_dense.h"
 #include "autodiff/ops_loss.h"
+#include "fem/deformation_gradient.h"
+#include "fem/laws.h"
 #include "fem/step.h"
 #include "fem/volume_penalty.h"
 #include "nmp/affine_fit.h"
@@ -70,12 +73,25 @@ std::vector<Segment> plan_segments(const Trajectories& trajectories, const Stage
                           : plan_iterations(trajectories, stage, random);
 }
 
-// Mean squares per vertex of what the terms are measured against, from every 10th state.
+// sum V Psi [J] of a law that is known.
+double elastic_energy(const fem::TetMesh<double>& mesh, const fem::Material& material,
+                      const Matrix<double>& x) {
+  ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
+  Matrix<double> Psi(mesh.n_tets(), 1);
+  fem::energy_density<double>(
+      material, fem::deformation_gradient<double>(mesh, tape.constant(x)).value(), Psi);
+  return mesh.volumes().col(0).dot(Psi.col(0));
+}
+
+// Mean squares of what the terms are measured against, per vertex but for the energy, from every
+// 10th state.
 struct Variances {
-  double f = 0, dv = 0, dx = 0;
+  double f = 0, dv = 0, dx = 0, energy = 0;
 };
 
-Variances dataset_variances(const Trajectories& trajectories, Index n_vertices) {
+Variances dataset_variances(const Dataset& dataset, const Trajectories& trajectories,
+                            bool with_energy) {
+  const Index n_vertices = dataset.mesh().n_vertices();
   constexpr Index kStride = 10;
   Matrix<double> now(n_vertices, 3), next(n_vertices, 3);
   Variances sum;
@@ -86,6 +102,11 @@ Variances dataset_variances(const Trajectories& trajectories, Index n_vertices) 
       trajectory->read_x<double>(t, now);
       trajectory->read_x<double>(t + 1, next);
       sum.dx += (next - now).squaredNorm();
+      if (with_energy) {
+        const double energy =
+            elastic_energy(dataset.mesh(), dataset.manifest().physics.material, now);
+        sum.energy += energy * energy * static_cast<double>(n_vertices);
+      }
       trajectory->read_v<double>(t, now);
       trajectory->read_v<double>(t + 1, next);
       sum.dv += (next - now).squaredNorm();
@@ -96,7 +117,7 @@ Variances dataset_variances(const Trajectories& trajectories, Index n_vertices) 
   }
   if (!(sum.dx > 0) || !(sum.dv > 0))
     throw InputError("nothing moves in the training trajectories: there is nothing to learn");
-  return {sum.f / n, sum.dv / n, sum.dx / n};
+  return {sum.f / n, sum.dv / n, sum.dx / n, sum.energy / n};
 }
 
 class RolloutLoss : public TrainingLoss {
@@ -111,11 +132,20 @@ class RolloutLoss : public TrainingLoss {
         setting_(dataset),
         mesh_(setting_.mesh()),
         plan_(plan_segments(trajectories, stage, Random(seed).split("segments"))),
-        variances_(dataset_variances(trajectories, mesh_.n_vertices())) {
+        has_energy_(learned == Learned::both && stage.energy_weight > 0) {
     if (learned != Learned::both && !dataset.manifest().law_known)
       throw ConfigError(
           "training one module through its analytic twin needs a dataset whose law and "
           "density are known");
+    if (has_energy_ && !model.stress.has_energy())
+      throw ConfigError(
+          "joint.energy_weight needs a law with an energy: set model.stress.form = \"energy\", or "
+          "joint.energy_weight = 0");
+    if (has_energy_ && !dataset.manifest().law_known)
+      throw ConfigError(
+          "joint.energy_weight needs a dataset whose law is known, for the true energy: set "
+          "joint.energy_weight = 0");
+    variances_ = dataset_variances(dataset, trajectories, has_energy_);
     has_force_ = variances_.f > 0;
     if (learned == Learned::law && !has_force_)
       throw InputError("the law is trained on f_int, which the training trajectories do not hold");
@@ -181,6 +211,7 @@ class RolloutLoss : public TrainingLoss {
       truth.read_force<float>(t, f_true_);
       add_term(ad::subtract(f_int, tape.constant(f_true_)), variances_.f, force_weight);
     }
+    if (has_energy_) loss = ad::add(loss, energy_term(x));
     if (!first) {
       add_term(ad::subtract(x, tape.constant(x_true_)), variances_.dx);
       if (learned_ != Learned::law) {
@@ -205,6 +236,19 @@ class RolloutLoss : public TrainingLoss {
     return {next.x, next.v, loss};
   }
 
+  // Of the learned law's energy at x and the true law's at x*.
+  ad::Var<float> energy_term(ad::Var<float> x) const {
+    ad::Tape<float>& tape = x.tape();
+    const double truth = elastic_energy(dataset_.mesh(), dataset_.manifest().physics.material,
+                                        x_true_.cast<double>());
+    const ad::Var<float> Psi = model_.stress.energy_density(fem::deformation_gradient(mesh_, x));
+    const ad::Var<float> energy =
+        ad::linear_transposed(tape.constant(mesh_.volumes().transpose()), Psi);
+    const Matrix<float> true_energy = Matrix<float>::Constant(1, 1, static_cast<float>(truth));
+    return ad::scale(ad::squared_norm(ad::subtract(energy, tape.constant(true_energy))),
+                     static_cast<float>(stage_.energy_weight / variances_.energy));
+  }
+
   // 0 where v* is set by a boundary rather than by dv: pinned vertices, vertical at the ground.
   ad::Var<float> velocity_mask(ad::Tape<float>& tape) const {
     MatrixMap<float> mask = tape.allocate(mesh_.n_vertices(), 3);
@@ -226,7 +270,7 @@ class RolloutLoss : public TrainingLoss {
   const fem::TetMesh<float>& mesh_;
   std::vector<Segment> plan_;
   Variances variances_;
-  bool has_force_ = false;
+  bool has_force_ = false, has_energy_;
   Matrix<float> x_true_, v_true_, f_true_;
 };
 

@@ -55,6 +55,7 @@ void exchange(Config& config, const std::string& table, Stage stage, StageConfig
   s.reset_end = config.integer(key("reset_end"), s.reset_end, 1, kMaxCount);
   if (stage == Stage::joint) {
     s.force_weight = config.number(key("force_weight"), s.force_weight, 0, 1e12);
+    s.energy_weight = config.number(key("energy_weight"), s.energy_weight, 0, 1e12);
     s.volume_weight = config.number(key("volume_weight"), s.volume_weight, 0, 1e12);
     s.volume_epsilon = config.number(key("volume_epsilon"), s.volume_epsilon, 1e-9, 1);
   }

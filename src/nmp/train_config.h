@@ -43,6 +43,7 @@ struct StageConfig {
   double residual_penalty = 1e-4;  // times the mean square of the residual, scaled
   Index reset_start = 60, reset_end = 200;  // rollout: steps between resets to the truth
   double force_weight = 1;                  // joint: weight of |f - f*|^2
+  double energy_weight = 0;                 // joint: weight of |sum V Psi - truth|^2
   double volume_weight = 0.1;               // joint: weight of the volume hinge
   double volume_epsilon = 0.05;             // joint: its width
   Index select_every = 0;     // iterations between trials of the weights; 0: at the end only

@@ -45,13 +45,15 @@ enum class Learned {
   law,         // |f - f*|^2 + |x - x*|^2 through semi-implicit Euler      (paper eq. 2)
   integrator,  // |v - v*|^2 + |x - x*|^2 through the analytic law        (paper eq. 2)
   both,  // all three (force_weight |f - f*|^2), + volume_weight mean (hinge(det F - 1) / epsilon)^2
-         // (paper eq. 3)
+         // (paper eq. 3), + energy_weight |sum V Psi - truth|^2 (paper Sec. 3.4) of a law that has
+         // a Psi
 };
 
 /// Backpropagation through rollouts that start at the truth and run to the next reset (teacher
 /// forcing, paper Appendix): one segment an iteration, checkpointed step by step. Each term is a
-/// mean over vertices and steps, divided by a fixed variance of the dataset: of f, and of the
-/// changes of v and x from frame to frame.
+/// mean over vertices and steps, divided by a fixed variance of the dataset: of f, of the
+/// changes of v and x from frame to frame, and the mean square of the elastic energy.
+/// @throws ConfigError  for analytic twins or energies that the dataset or the model does not have
 std::unique_ptr<TrainingLoss> make_rollout_loss(const Model<float>& model, const Dataset& dataset,
                                                 const Trajectories& trajectories,
                                                 const StageConfig& stage, Learned learned,

@@ -5,6 +5,8 @@
 #include <sstream>
 
 #include "base/parallel.h"
+#include "fem/deformation_gradient.h"
+#include "fem/laws.h"
 #include "nmp/nets.h"
 #include "nmp/recorded.h"
 #include "nmp/training_loss.h"
@@ -301,6 +303,50 @@ TEST_SUITE("nmp/trainer") {
                   in_two_steps = weights_after(1, 2);
     CHECK_FALSE(same(with, without));
     CHECK_FALSE(same(with, in_two_steps));
+  }
+
+  TEST_CASE("the joint loss measures the elastic energy against the true law's") {
+    const Dataset& data = tiny_dataset();
+    TrainConfig config = tiny_config();
+    config.stress.form = "energy";
+    config.joint.iterations = 0;
+    config.joint.epochs = 1;
+    config.joint.reset_start = config.joint.reset_end = 1000;  // one segment: the trajectory
+    Model<float> model = make_model(config, data);
+    const Trajectory trajectory = data.train()[0];
+    const auto loss = [&](double weight) {
+      config.joint.energy_weight = weight;
+      ad::Tape<float> tape;
+      const auto made =
+          make_rollout_loss(model, data, {&trajectory}, config.joint, Learned::both, 1);
+      return static_cast<double>((*made)(tape, 0).value()(0, 0));
+    };
+    CHECK(loss(2) > loss(1));
+    // Without an energy of its own, the error is the true one of every state.
+    for (auto* p : model.stress.parameters()) p->mutable_value().setZero();
+    const auto energy = [&](Index t) {
+      Matrix<double> x(data.mesh().n_vertices(), 3), Psi(data.mesh().n_tets(), 1);
+      trajectory.read_x<double>(t, x);
+      ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
+      const auto F = fem::deformation_gradient<double>(data.mesh(), tape.constant(x));
+      fem::energy_density<double>(data.manifest().physics.material, F.value(), Psi);
+      return (data.mesh().volumes().array() * Psi.array()).sum();
+    };
+    double all = 0, sampled = 0, n = 0;
+    for (Index t = 0; t <= trajectory.frames(); ++t) all += std::pow(energy(t), 2);
+    for (Index t = 0; t < trajectory.frames(); t += 10, ++n) sampled += std::pow(energy(t), 2);
+    const double expected = all / (sampled / n) / static_cast<double>(trajectory.frames());
+    CHECK(expected > 0.1);
+    CHECK(loss(1) - loss(0) == doctest::Approx(expected).epsilon(1e-4));
+    CHECK(loss(3) - loss(0) == doctest::Approx(3 * expected).epsilon(1e-4));
+
+    config.joint.energy_weight = 1;
+    config.stress.form = "stress";
+    const Model<float> other = make_model(config, data);
+    CHECK(contains(test::message<ConfigError>([&] {
+                     make_rollout_loss(other, data, {&trajectory}, config.joint, Learned::both, 1);
+                   }),
+                   "model.stress.form"));
   }
 
   TEST_CASE("the three stages bring the error down, and keep to their own weights") {
