@@ -1,9 +1,18 @@
 #pragma once
 
 #include "autodiff/tape.h"
+#include "base/check.h"
 #include "fem/block.h"
 
 namespace nmp::fem {
+
+/// What a law's plain functions ask of their arguments.   F #T x 9  ->  result #T x cols
+template <class Real>
+void check_result(const ConstView<Real>& F, Index cols, const View<Real>& result) {
+  NMP_CHECK(F.cols() == 9, "F must be #T x 9, got " + shape(F));
+  NMP_CHECK(result.rows() == F.rows() && result.cols() == cols,
+            text("the result must be ", F.rows(), " x ", cols, ", got ", shape(result)));
+}
 
 /// Records what an isotropic law makes of (F, mu, lambda), its stress or its energy.
 /// @param value   #T x columns, computed already

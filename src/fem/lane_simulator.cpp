@@ -254,9 +254,11 @@ struct LaneSimulator::Impl {
 LaneSimulator::Impl::Impl(const TetMesh<double>& mesh_in, const Physics& physics_in, double dt_in,
                           Index n_trajectories_in)
     : mesh(mesh_in), physics(physics_in), dt(dt_in), n_trajectories(n_trajectories_in) {
-  check(physics);
+  check_explicit(physics);
   NMP_CHECK(std::isfinite(dt) && dt > 0, text("dt must be > 0 s and finite, got ", dt));
   NMP_CHECK(n_trajectories > 0, text("n_trajectories must be > 0, got ", n_trajectories));
+  NMP_CHECK(physics.material.law != "projective",
+            "LaneSimulator has no law \"projective\": use Simulator or ProjectiveDynamics");
   boundary = make_boundary(mesh, physics.pinned, physics.ground);
   const Lame constants = lame(physics.material.E, physics.material.nu);
   neo_hookean_law = {constants.mu, constants.lambda};

@@ -7,10 +7,16 @@
 
 namespace nmp::fem {
 
-/// The analytic law that `material.law` names: "neo-hookean" or "stvk".
+/// The analytic law that `material.law` names: "neo-hookean", "stvk" or "projective".
 /// @throws std::invalid_argument  naming the known laws
 template <class Real>
 std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material& material);
+
+/// Its stress.   F #T x 9 [-]  ->  P #T x 9 [Pa]
+/// @param constants  lame(material)
+template <class Real>
+void stress(const Material& material, const Lame& constants, const ConstView<Real>& F,
+            View<Real> P);
 
 /// Strain energy density of that law.   F #T x 9 [-]  ->  Psi #T x 1 [J/m3]
 /// @throws std::invalid_argument  naming the known laws; NumericalError  where it is not defined

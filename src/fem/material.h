@@ -19,25 +19,55 @@ struct Lame {
 Lame lame(double E, double nu);
 
 struct Material {
-  std::string law = "neo-hookean";  // or "stvk"
+  std::string law = "neo-hookean";  // or "stvk", "projective"
   double E = 5e5;                   // Young's modulus [Pa]
   double nu = 0.45;                 // Poisson's ratio [-]
   double density = 1000;            // rho [kg/m3]
+  /// Of the law "projective", w_v / lambda (projective_law.h): 1 is DiffPD's, which acts as a third
+  /// of lambda; 3 makes it the material that E and nu say.
+  double volume_weight = 1;
 };
+
+/// What a material is for small strains: the constants that its law's tangent at rest has.
+/// @throws std::invalid_argument  as lame(E, nu)
+Lame lame(const Material& material);
+
+/// What Material::law may be.
+const std::vector<std::string>& law_names();
 
 /// @throws std::invalid_argument  naming key and range, if anything is outside
 void check(const Material& material);
+
+/// What the ground does to a body that touches it. The explicit simulators and the learned ones
+/// have a level ground without friction; the rest is for ProjectiveDynamics.
+struct GroundContact {
+  std::string law = "frictionless";  // or "coulomb", "penalty" (DiffPD's)
+  double friction = 0;               // mu of "coulomb" [-]
+  /// Of "penalty", at a depth d and a tangential velocity u_T: the normal force k_n d^2, and
+  /// against u_T the smaller of k_f |u_T| and penalty_friction times the normal force.
+  double k_n = 1e3;               // [N/m2]
+  double k_f = 0.1;               // [N s/m]
+  double penalty_friction = 1e4;  // [-]
+  Vec3<double> normal{0, 0, 1};   // of length 1, out of the ground
+};
+/// What GroundContact::law may be.
+const std::vector<std::string>& contact_law_names();
+/// @throws std::invalid_argument  naming key and range, if anything is outside
+void check(const GroundContact& contact);
 
 /// Everything besides the mesh that a body's motion depends on.
 struct Physics {
   Material material;
   Vec3<double> gravity{0, 0, -9.8};  // [m/s2]
-  std::optional<double> ground;      // height z of the ground plane [m]; none without contact
-  std::vector<int> pinned;           // vertices held at their rest positions
+  std::optional<double> ground;  // height of the ground plane, z, or n . x [m]; none: no contact
+  GroundContact contact;
+  std::vector<int> pinned;  // vertices held at their rest positions
 };
 
 /// Everything but the pins, which make_boundary checks against a mesh.
 /// @throws std::invalid_argument  naming key and range, if anything is outside
 void check(const Physics& physics);
+/// The same, and that its ground is one that explicit simulators know.
+void check_explicit(const Physics& physics);
 
 }  // namespace nmp::fem

@@ -8,24 +8,24 @@
 #include "fem/internal_force.h"
 #include "fem/isotropic_parameters.h"
 #include "fem/laws.h"
-#include "fem/neo_hookean.h"
 #include "fem/semi_implicit_euler.h"
 #include "fem/step.h"
-#include "fem/stvk.h"
 
 namespace nmp::fem {
 
 template <class Real>
 Simulator<Real>::Simulator(const TetMesh<Real>& mesh, const Physics& physics, Real dt)
     : mesh_(mesh), physics_(physics), dt_(dt) {
-  check(physics);
+  check_explicit(physics);
+  // As the taped laws have them, to the last bit of a Real.
+  constants_ = IsotropicParameters<Real>(physics.material.E, physics.material.nu).lame();
+  if (physics.material.law == "projective")
+    constants_.lambda = static_cast<double>(static_cast<Real>(constants_.lambda) *
+                                            (Real(physics.material.volume_weight) / Real(3)));
   NMP_CHECK(std::isfinite(dt) && dt > Real(0), text("dt must be > 0 s and finite, got ", dt));
   std::optional<Real> ground;
   if (physics.ground) ground = Real(*physics.ground);
   boundary_ = make_boundary(mesh, physics.pinned, ground);
-  const Lame constants = IsotropicParameters<Real>(physics.material.E, physics.material.nu).lame();
-  mu_ = Real(constants.mu);
-  lambda_ = Real(constants.lambda);
   F_.resize(mesh.n_tets(), 9);
   P_.resize(mesh.n_tets(), 9);
   corners_.resize(16, mesh.n_tets());
@@ -36,10 +36,7 @@ Simulator<Real>::Simulator(const TetMesh<Real>& mesh, const Physics& physics, Re
 template <class Real>
 const Matrix<Real>& Simulator<Real>::internal_force(const ConstView<Real>& x) {
   deformation_gradient<Real>(mesh_, x, F_);
-  if (physics_.material.law == "stvk")
-    stvk_stress<Real>(F_, mu_, lambda_, P_);
-  else
-    neo_hookean_stress<Real>(F_, mu_, lambda_, P_);
+  stress<Real>(physics_.material, constants_, F_, P_);
   fem::internal_force<Real>(mesh_, P_, corners_, f_int_);
   return f_int_;
 }

@@ -40,7 +40,8 @@ class Simulator {
   TetMesh<Real> mesh_;
   Physics physics_;
   Boundary<Real> boundary_;
-  Real dt_, mu_, lambda_;
+  Real dt_;
+  Lame constants_;
   Index steps_done_ = 0;
   Matrix<Real> F_, P_, corners_, f_int_, dv_;
 };

@@ -11,11 +11,11 @@
 
 namespace nmp::fem {
 
-// K u = -f_int of the linear law P = lambda tr(H) I + mu (H + H^T), H = grad u: both laws at F = I.
+// K u = -f_int of the linear law P = lambda tr(H) I + mu (H + H^T), H = grad u: every law at F = I.
 double stable_time_step(const TetMesh<double>& mesh, const Material& material,
                         const std::vector<int>& pinned) {
   check(material);
-  const auto [mu, lambda] = lame(material.E, material.nu);
+  const auto [mu, lambda] = lame(material);
   const Boundary<double> boundary = make_boundary<double>(mesh, pinned, std::nullopt);
   const Index n = mesh.n_vertices();
   if (static_cast<Index>(boundary.pinned.size()) == n)

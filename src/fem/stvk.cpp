@@ -1,6 +1,5 @@
 #include "fem/stvk.h"
 
-#include "base/check.h"
 #include "fem/isotropic_operator.h"
 
 namespace nmp::fem {
@@ -37,13 +36,6 @@ void stress_of_block(const Block<Real, 9>& F, Real mu, Real lambda, Block<Real, 
     const Entries<Real> f = entries(F, l);
     set_entries(P, l, product(f, second_stress(green_strain(f), mu, lambda)));
   }
-}
-
-template <class Real>
-void check_result(const ConstView<Real>& F, Index cols, const View<Real>& result) {
-  NMP_CHECK(F.cols() == 9, "F must be #T x 9, got " + shape(F));
-  NMP_CHECK(result.rows() == F.rows() && result.cols() == cols,
-            text("the result must be ", F.rows(), " x ", cols, ", got ", shape(result)));
 }
 
 }  // namespace

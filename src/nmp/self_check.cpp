@@ -16,6 +16,7 @@
 #include "fem/laws.h"
 #include "fem/mesh_cube.h"
 #include "fem/neo_hookean.h"
+#include "fem/projective_law.h"
 #include "fem/semi_implicit_euler.h"
 #include "fem/step.h"
 #include "fem/stvk.h"
@@ -192,8 +193,14 @@ struct Scenery {
   M x, v;
 };
 
-void add_laws(std::vector<Check>& checks, const Scenery& scenery, fem::NeoHookean<double>& nh,
-              fem::StVK<double>& stvk, const Random& random) {
+struct Laws {
+  fem::NeoHookean<double> neo_hookean{Scenery::kE, Scenery::kNu};
+  fem::StVK<double> stvk{Scenery::kE, Scenery::kNu};
+  fem::ProjectiveLaw<double> projective{Scenery::kE, Scenery::kNu, 1};
+};
+
+void add_laws(std::vector<Check>& checks, const Scenery& scenery, Laws& laws,
+              const Random& random) {
   const fem::TetMesh<double>& mesh = scenery.mesh;
   using T = Tape<double>;
   checks.push_back(
@@ -218,8 +225,9 @@ void add_laws(std::vector<Check>& checks, const Scenery& scenery, fem::NeoHookea
                       {F},
                       {&constants.log_E, &constants.nu}});
   };
-  add_law("neo-hookean", nh, nh.parameters);
-  add_law("stvk", stvk, stvk.parameters);
+  add_law("neo-hookean", laws.neo_hookean, laws.neo_hookean.parameters);
+  add_law("stvk", laws.stvk, laws.stvk.parameters);
+  add_law("projective", laws.projective, laws.projective.parameters);
   checks.push_back({"law",
                     "ground contact",
                     [&scenery](T&, const Vars<double>& in) {
@@ -355,8 +363,7 @@ CheckRow run(const Check& check, std::uint64_t seed) {
 std::vector<CheckRow> self_check(const SelfCheckOptions& options) {
   const Random random = Random(options.seed).split("self_check");
   const Scenery scenery(random.split("scenery"));
-  fem::NeoHookean<double> nh(Scenery::kE, Scenery::kNu);
-  fem::StVK<double> stvk(Scenery::kE, Scenery::kNu);
+  Laws laws;
 
   // Untrained modules of every form, moved off the start, where much is zero.
   std::vector<Model<double>> untrained;
@@ -383,7 +390,7 @@ std::vector<CheckRow> self_check(const SelfCheckOptions& options) {
 
   std::vector<Check> checks;
   add_operators(checks, random.split("operators"));
-  add_laws(checks, scenery, nh, stvk, random.split("laws"));
+  add_laws(checks, scenery, laws, random.split("laws"));
   add_modules(checks, scenery, model.stress, integrators, random.split("modules"));
   std::vector<CheckRow> rows;
   for (const Check& check : checks) {
