@@ -89,7 +89,7 @@ void add_rollout(CLI::App& app) {
       ->type_name("N")
       ->check(common::whole_number(0, 100'000'000));
   rollout.add_option("--constitutive", r.constitutive, "The stress law")
-      ->check(CLI::IsMember({"neural", "neo-hookean", "stvk"}));
+      ->check(CLI::IsMember({"neural", "neo-hookean", "stvk", "projective"}));
   rollout.add_option("--integrator", r.integrator, "The time integrator")
       ->check(CLI::IsMember({"neural", "semi-implicit"}));
   rollout.add_option("--E", r.E, "Young's modulus of an analytic law (default: the dataset's)")

@@ -11,10 +11,10 @@
 #include "base/check.h"
 #include "base/parallel.h"
 #include "fem/guard.h"
-#include "fem/lane_simulator.h"
 #include "fem/stability.h"
 #include "nmp/body.h"
 #include "nmp/config.h"
+#include "nmp/ensemble.h"
 
 namespace nmp {
 namespace {
@@ -136,40 +136,57 @@ bool keep(const Path& path, const std::string& scene_hash, const std::string& ch
 
 // What a group of jobs reports after each frame: true to go on.
 using FrameDone = std::function<bool()>;
-// What it reports of every state that has elements inside out, which only StVK lets be.
+// What it reports of every state that has elements inside out, which the neo-Hookean law refuses
+// itself.
 using ShowInverted = std::function<void(const std::string&)>;
 
 // Simulates and writes a group of trajectories side by side. False if it was stopped.
 bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& folder,
               const std::string& scene_hash, const std::vector<Job>& group,
-              const FrameDone& frame_done, const ShowInverted& show_inverted) {
+              const FrameDone& frame_done, const ShowInverted& show_inverted,
+              const std::function<void(const std::string&)>& warn) {
   const auto n = static_cast<Index>(group.size());
-  fem::LaneSimulator simulator(mesh, scene.physics, scene.dt, n);
+  const std::unique_ptr<Ensemble> simulator = make_ensemble(mesh, scene.physics, scene.dt, n);
   std::vector<std::unique_ptr<TrajectoryWriter>> writers;
   for (Index k = 0; k < n; ++k) {
     const Job& job = group[static_cast<std::size_t>(k)];
-    simulator.set_state(k, initial_state(scene, mesh, job.split, job.index));
+    simulator->set_state(k, initial_state(scene, mesh, job.split, job.index));
     writers.push_back(std::make_unique<TrajectoryWriter>(folder / job.record->name, scene.frames,
                                                          mesh.n_vertices(), job.record->seed,
                                                          scene.h(), scene_hash));
   }
   for (Index t = 0; t <= scene.frames; ++t) {
-    if (t > 0) simulator.advance(scene.substeps);
+    if (t > 0) simulator->advance(scene.substeps);
     for (Index k = 0; k < n; ++k) {
-      const fem::State<double> state = simulator.state(k);
-      if (scene.physics.material.law == "stvk") {  // the neo-Hookean law refuses them itself
+      const fem::State<double> state = simulator->state(k);
+      if (scene.physics.material.law != "neo-hookean") {
         const fem::Inverted inverted = fem::count_inverted<double>(mesh, state.x);
         if (inverted.count > 0)
           show_inverted(text(group[static_cast<std::size_t>(k)].record->name, ", frame ", t, ": ",
                              inverted.count, " elements are inside out, det F <= 0, the first is ",
                              inverted.first));
       }
-      writers[static_cast<std::size_t>(k)]->write(t, state.x, state.v, simulator.internal_force(k));
+      writers[static_cast<std::size_t>(k)]->write(t, state.x, state.v,
+                                                  simulator->internal_force(k));
     }
     if (t > 0 && !frame_done()) return false;
   }
   for (std::size_t k = 0; k < group.size(); ++k) group[k].record->checksum = writers[k]->commit();
+  if (const std::string complaint = simulator->complaint(); !complaint.empty())
+    warn(text(group.front().record->name, " to ", group.back().record->name, ": ", complaint));
   return true;
+}
+
+Slide slide_of(const Path& folder, const RecordInfo& record, const fem::TetMesh<double>& mesh,
+               const Scene& scene) {
+  const Trajectory trajectory(folder / record.name, record, mesh.n_vertices());
+  SlideMeter meter(mesh, *scene.physics.ground, scene.h());
+  Matrix<double> x(mesh.n_vertices(), 3);
+  for (Index t = 0; t <= trajectory.frames(); ++t) {
+    trajectory.read_x<double>(t, x);
+    meter.add(x);
+  }
+  return meter.result();
 }
 
 // Settings that keep the frames and are stable with some room for compression.
@@ -191,7 +208,9 @@ std::string frame_step_warning(const Scene& scene, bool chosen, double limit) {
                 "material (", limit, " s), as learned modules step from frame to frame; the ",
                 scene.frames, " frames cover ", h * static_cast<double>(scene.frames), " s");
   }
-  if (const std::string warning = fem::stability_warning(limit, scene.dt); !warning.empty())
+  const bool is_explicit = scene.physics.material.law != "projective";
+  if (const std::string warning = fem::stability_warning(limit, scene.dt);
+      is_explicit && !warning.empty())
     return "time.dt: " + warning + "; " + smaller_step(scene, limit);
   if (fem::stability_warning(limit, h).empty()) return {};
   return text("time: frames are ", h,
@@ -290,7 +309,7 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
       return !(options.stop && options.stop());
     };
     try {
-      stopped = !simulate(scene, mesh, folder, scene_hash, group, frame_done, show_inverted);
+      stopped = !simulate(scene, mesh, folder, scene_hash, group, frame_done, show_inverted, warn);
     } catch (const NumericalError& error) {
       const std::string& name = group.front().record->name;
       throw NumericalError(group.size() == 1 ? text(name, ": ", error.what())
@@ -307,6 +326,10 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
                      records->end());
     }
     return manifest;
+  }
+  if (scene.physics.contact.law != "frictionless") {
+    for (auto* records : {&manifest.train, &manifest.validation})
+      for (RecordInfo& record : *records) record.slide = slide_of(folder, record, mesh, scene);
   }
   write_manifest(manifest_path, manifest);
   return manifest;

@@ -20,7 +20,7 @@ struct DataGenOptions {
   std::function<bool()> stop;
 };
 
-/// Simulates a scene's trajectories (LaneSimulator) and writes them as a dataset. Continues a
+/// Simulates a scene's trajectories (Ensemble) and writes them as a dataset. Continues a
 /// folder that was made from the same scene (its scene.toml tells) with the trajectories that are
 /// missing or damaged; the manifest is written last. A mesh file must be the same to the byte (its
 /// checksum stands in scene.toml); the finished dataset does not need it. If `stop` ended it there

@@ -72,7 +72,12 @@ class Entry {
       visit(Entry(value_[i], file_, text(place_, "[", i, "]")));
     }
   }
+  bool has(const std::string& key) const { return value_.is_object() && value_.contains(key); }
   bool is_null() const { return value_.is_null(); }
+  bool boolean() const {
+    if (!value_.is_boolean()) fail("true or false");
+    return value_.get<bool>();
+  }
 
   double number(double low, double high) const {
     const bool ok = value_.is_number() && std::isfinite(value_.get<double>()) &&
@@ -167,6 +172,16 @@ Json parse_json(const std::string& content, const std::string& file) {
   }
 }
 
+Slide read_slide(const Entry& entry, Index n_frames) {
+  Slide slide;
+  if (!entry["first_contact"].is_null())
+    slide.first_contact = entry["first_contact"].integer(0, n_frames);
+  slide.path = entry["path"].number(0, 1e9);
+  slide.at_rest = entry["at_rest"].boolean();
+  slide.contacts = entry["contacts"].number(0, 1e9);
+  return slide;
+}
+
 std::vector<RecordInfo> read_records(const Entry& list, Index n_frames,
                                      std::set<std::string>& names) {
   std::vector<RecordInfo> records;
@@ -177,6 +192,7 @@ std::vector<RecordInfo> read_records(const Entry& list, Index n_frames,
     record.seed = entry["seed"].seed();
     record.frames = entry["frames"].integer(1, n_frames);
     record.checksum = entry["checksum"].checksum();
+    if (entry.has("slide")) record.slide = read_slide(entry["slide"], record.frames);
     records.push_back(std::move(record));
   });
   return records;
@@ -185,10 +201,17 @@ std::vector<RecordInfo> read_records(const Entry& list, Index n_frames,
 OrderedJson json_records(const std::vector<RecordInfo>& records) {
   OrderedJson list = OrderedJson::array();
   for (const RecordInfo& record : records) {
-    list.push_back({{"name", record.name},
-                    {"seed", record.seed},
-                    {"frames", record.frames},
-                    {"checksum", record.checksum}});
+    OrderedJson& entry = list.emplace_back(OrderedJson{{"name", record.name},
+                                                       {"seed", record.seed},
+                                                       {"frames", record.frames},
+                                                       {"checksum", record.checksum}});
+    if (!record.slide) continue;
+    const Slide& slide = *record.slide;
+    entry["slide"] = {{"first_contact", nullptr},
+                      {"path", slide.path},
+                      {"at_rest", slide.at_rest},
+                      {"contacts", slide.contacts}};
+    if (slide.first_contact) entry["slide"]["first_contact"] = *slide.first_contact;
   }
   return list;
 }
@@ -401,6 +424,15 @@ void write_manifest(const Path& path, const Manifest& manifest) {
   json["material"] = {
       {"law", nullptr}, {"E", material.E}, {"nu", material.nu}, {"density", material.density}};
   if (manifest.law_known) json["material"]["law"] = material.law;
+  if (material.law == "projective") {
+    const fem::GroundContact& contact = physics.contact;
+    json["material"]["volume_weight"] = material.volume_weight;
+    json["contact"] = {{"law", contact.law},
+                       {"friction", contact.friction},
+                       {"k_n", contact.k_n},
+                       {"k_f", contact.k_f},
+                       {"penalty_friction", contact.penalty_friction}};
+  }
   json["dt"] = manifest.dt;
   json["substeps"] = manifest.substeps;
   json["h"] = manifest.h;
@@ -447,11 +479,24 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   physics.material.E = material["E"].number(0, 1e18);
   physics.material.nu = material["nu"].number(-1, 0.5);
   physics.material.density = material["density"].number(0, 1e18);
-  try {
-    fem::check(physics.material);
-  } catch (const std::invalid_argument& error) {
-    throw InputError(text(file, ": material: ", error.what()));
+  if (physics.material.law == "projective") {
+    const Entry contact = root["contact"];
+    physics.material.volume_weight = material["volume_weight"].number(0, 1e6);
+    physics.contact.law = contact["law"].word();
+    physics.contact.friction = contact["friction"].number(0, 1e3);
+    physics.contact.k_n = contact["k_n"].number(0, 1e15);
+    physics.contact.k_f = contact["k_f"].number(0, 1e15);
+    physics.contact.penalty_friction = contact["penalty_friction"].number(0, 1e15);
   }
+  const auto check = [&](const char* table, const auto& values) {
+    try {
+      fem::check(values);
+    } catch (const std::invalid_argument& error) {
+      throw InputError(text(file, ": ", table, ": ", error.what()));
+    }
+  };
+  check("material", physics.material);
+  check("contact", physics.contact);
 
   manifest.dt = root["dt"].number(0, 1e6);
   manifest.substeps = root["substeps"].integer(0, kMaxCount);

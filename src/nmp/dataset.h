@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "fem/material.h"
 #include "fem/simulator.h"
 #include "fem/tet_mesh.h"
+#include "nmp/slide.h"
 
 namespace nmp {
 
@@ -20,6 +22,8 @@ struct RecordInfo {
   std::uint64_t seed = 0;
   Index frames = 0;      // steps; frames + 1 states are stored
   std::string checksum;  // XXH3 of the file
+  /// What the ground does to the body, of scenes whose ground is not frictionless.
+  std::optional<Slide> slide = std::nullopt;
 };
 
 /// manifest.json of a dataset (design.md section 6). The pinned vertices stand in mesh.safetensors:
@@ -45,6 +49,7 @@ class Trajectory {
   Trajectory(TensorFile file, const RecordInfo& info, Index n_vertices);
 
   const std::string& name() const { return info_.name; }
+  const RecordInfo& info() const { return info_; }
   /// Steps; states 0 ... frames() exist.
   Index frames() const { return info_.frames; }
   Index n_vertices() const { return n_vertices_; }

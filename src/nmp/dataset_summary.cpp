@@ -39,7 +39,16 @@ MotionSummary motion(const Dataset& dataset, const std::vector<Trajectory>& traj
     summary.max_displacement = std::max(summary.max_displacement, end);
     summary.touched += touches;
     ++summary.n_trajectories;
+    if (const std::optional<Slide>& slide = trajectory.info().slide) {
+      summary.at_rest = summary.at_rest.value_or(0) + slide->at_rest;
+      summary.path += slide->path;
+      summary.contacts += slide->contacts;
+    }
     one_done();
+  }
+  if (summary.at_rest) {
+    summary.path /= static_cast<double>(summary.n_trajectories);
+    summary.contacts /= static_cast<double>(summary.n_trajectories);
   }
   summary.max_speed = std::sqrt(max_speed2);
   summary.rms_speed = n > 0 ? std::sqrt(sum / n) : 0;
@@ -47,11 +56,17 @@ MotionSummary motion(const Dataset& dataset, const std::vector<Trajectory>& traj
 }
 
 Json describe(const MotionSummary& s) {
-  return {{"trajectories", s.n_trajectories},
-          {"touch_ground", s.touched},
-          {"rms_speed", s.rms_speed},
-          {"max_speed", s.max_speed},
-          {"displacement", {s.min_displacement, s.max_displacement}}};
+  Json json{{"trajectories", s.n_trajectories},
+            {"touch_ground", s.touched},
+            {"rms_speed", s.rms_speed},
+            {"max_speed", s.max_speed},
+            {"displacement", {s.min_displacement, s.max_displacement}}};
+  if (s.at_rest) {
+    json["at_rest"] = *s.at_rest;
+    json["path"] = s.path;
+    json["contacts"] = s.contacts;
+  }
+  return json;
 }
 
 std::string digits(double value) {
@@ -61,10 +76,13 @@ std::string digits(double value) {
 }
 
 std::string sentence(const MotionSummary& s) {
-  return text(s.n_trajectories, " trajectories, ", s.touched, " touch the ground; speed rms ",
-              digits(s.rms_speed), ", at most ", digits(s.max_speed),
-              " m/s; rms displacement at the end ", digits(s.min_displacement), " to ",
-              digits(s.max_displacement), " m\n");
+  return text(
+      s.n_trajectories, " trajectories, ", s.touched, " touch the ground; speed rms ",
+      digits(s.rms_speed), ", at most ", digits(s.max_speed), " m/s; rms displacement at the end ",
+      digits(s.min_displacement), " to ", digits(s.max_displacement), " m\n",
+      s.at_rest ? text("              ", *s.at_rest, " come to rest after ", digits(s.path),
+                       " m on the ground, ", digits(s.contacts), " vertices on it, on average\n")
+                : "");
 }
 
 }  // namespace

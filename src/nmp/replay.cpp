@@ -16,17 +16,16 @@ bool neural_law(const ReplayOptions& o) { return o.constitutive == "neural"; }
 bool neural_integrator(const ReplayOptions& o) { return o.integrator == "neural"; }
 
 void check(const ReplayOptions& o) {
-  const auto known = [](const std::string& name, std::initializer_list<const char*> names) {
-    for (const char* each : names)
+  const auto known = [](const std::string& name, const std::vector<std::string>& names) {
+    for (const std::string& each : names)
       if (name == each) return;
     throw ConfigError("there is no module '" + name + "'");
   };
-  known(o.constitutive, {"neural", "neo-hookean", "stvk"});
+  if (!neural_law(o)) known(o.constitutive, fem::law_names());
   known(o.integrator, {"neural", "semi-implicit"});
   if (o.model.empty() && (neural_law(o) || neural_integrator(o)))
     throw ConfigError("a neural module needs a model");
-  if ((o.E || o.nu) && neural_law(o))
-    throw ConfigError("E and nu belong to an analytic law, neo-hookean or stvk");
+  if ((o.E || o.nu) && neural_law(o)) throw ConfigError("E and nu belong to an analytic law");
   if (o.dt && neural_integrator(o))
     throw ConfigError("dt belongs to the integrator semi-implicit; the neural one steps by h");
 }

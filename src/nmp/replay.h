@@ -18,7 +18,7 @@ struct ReplayOptions {
   bool train_split = false;
   Index trajectory = 0;                  // of the split, from 0
   Index frames = 0;                      // may be more than were recorded; 0: as many
-  std::string constitutive = "neural";   // or "neo-hookean", "stvk"
+  std::string constitutive = "neural";   // or one of fem::law_names()
   std::string integrator = "neural";     // or "semi-implicit"
   std::optional<double> E, nu;           // of an analytic law [Pa], [-]; none: the dataset's
   std::optional<double> dt;              // step of "semi-implicit" [s], divides h; none: h

@@ -36,12 +36,27 @@ void exchange(Config& config, Scene& s) {
   }
 
   fem::Material& material = physics.material;
-  material.law = config.choice("material.law", material.law, {"neo-hookean", "stvk"});
+  material.law = config.choice("material.law", material.law, fem::law_names());
   material.E = config.number("material.E", material.E, 1e-3, 1e15);
   material.nu = config.number("material.nu", material.nu, -0.99, 0.4999);
   material.density = config.number("material.density", material.density, 1e-6, 1e9);
 
+  // What projective dynamics alone knows stands in its scenes alone.
+  const bool projective = material.law == "projective";
+  if (projective)
+    material.volume_weight =
+        config.number("material.volume_weight", material.volume_weight, 1e-6, 1e6);
+
   physics.ground = config.number_or_none("contact.ground", physics.ground, -1e6, 1e6);
+  if (projective) {
+    fem::GroundContact& contact = physics.contact;
+    contact.law = config.choice("contact.law", contact.law, fem::contact_law_names());
+    contact.friction = config.number("contact.friction", contact.friction, 0, 1e3);
+    contact.k_n = config.number("contact.k_n", contact.k_n, 0, 1e15);
+    contact.k_f = config.number("contact.k_f", contact.k_f, 0, 1e15);
+    contact.penalty_friction =
+        config.number("contact.penalty_friction", contact.penalty_friction, 0, 1e15);
+  }
 
   const auto pinned = config.integers(
       "pins.vertices", std::vector<std::int64_t>(physics.pinned.begin(), physics.pinned.end()), 0,
@@ -76,6 +91,9 @@ void exchange(Config& config, Scene& s) {
 }
 
 constexpr const char* kCubeKeys[] = {"mesh.vertices_per_edge", "mesh.side"};
+constexpr const char* kProjectiveKeys[] = {
+    "material.volume_weight",  "contact.law", "contact.friction", "contact.k_n", "contact.k_f",
+    "contact.penalty_friction"};
 constexpr const char* kFileKeys[] = {"mesh.file", "mesh.scale", "mesh.up", "mesh.checksum"};
 
 // A mesh file given on the command line takes the place of the scene's own body.
@@ -113,6 +131,20 @@ void check_shape(const ConfigReader& config, const Scene& scene) {
   }
 }
 
+void check_contact(const ConfigReader& config, const fem::Physics& physics) {
+  if (physics.material.law != "projective") {
+    for (const char* key : kProjectiveKeys) {
+      if (config.has(key))
+        config.fail(key, "needs material.law = \"projective\", the law of projective dynamics");
+    }
+  }
+  const fem::GroundContact& contact = physics.contact;
+  if (contact.law != "frictionless" && !physics.ground)
+    config.fail("contact.law", "expected \"frictionless\" where contact.ground is \"none\"");
+  if (contact.friction > 0 && contact.law != "coulomb")
+    config.fail("contact.friction", "needs contact.law = \"coulomb\"");
+}
+
 void check_rules(const ConfigReader& config, const PinRules& pins) {
   const auto fail = [&](const char* key, Index i, const char* expected) {
     config.fail(key, text("rule ", i, ", counted from 0: expected ", expected));
@@ -143,6 +175,7 @@ Scene parse_scene(const std::string& text, const std::string& origin,
   choose_shape(config, scene);
   exchange(config, scene);
   check_shape(config, scene);
+  check_contact(config, scene.physics);
   config.finish();
   check_rules(config, scene.pins);
 

@@ -41,6 +41,8 @@ struct Scene {
   std::vector<Path> mesh_folders;
 
   // [material] law, E [Pa], nu, density [kg/m3]   [contact] ground [m]   [pins] vertices, by number
+  // The law "projective" is simulated by ProjectiveDynamics, the others by explicit steps; it alone
+  // has [material] volume_weight and [contact] law, friction, k_n, k_f, penalty_friction.
   // gravity [m/s2]
   fem::Physics physics;
   PinRules pins;  // more vertices, by rule; make_body (body.h) finds them

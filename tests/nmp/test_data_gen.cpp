@@ -7,6 +7,7 @@
 #include "base/check.h"
 #include "base/parallel.h"
 #include "fem/mesh_fixtures.h"
+#include "fem/projective_dynamics.h"
 #include "fem/simulator.h"
 #include "nmp/folder.h"
 
@@ -93,6 +94,45 @@ TEST_SUITE("nmp/data_gen") {
     compare(data.train()[1], "train", 1);
     compare(data.validation()[0], "val", 0);
     CHECK(touched);
+  }
+
+  TEST_CASE("a scene with friction is made by projective dynamics, for any number of threads") {
+    const test::Folder folder;
+    Scene scene = tiny_scene();
+    scene.physics.material.law = "projective";
+    scene.physics.contact.law = "coulomb";
+    scene.physics.contact.friction = 0.5;
+    scene.dt = 1e-3;
+    scene.substeps = 2;
+    DataGenOptions options;
+    std::string warnings;
+    options.warn = [&](const std::string& message) { warnings += message; };
+    generate_dataset(scene, folder / "data", options);
+    set_threads(3);
+    generate_dataset(scene, folder / "again", options);
+    set_threads(0);
+    CHECK(content(folder / "data") == content(folder / "again"));
+    CHECK_FALSE(contains(warnings, "not solved"));
+
+    const Dataset data = Dataset::open(folder / "data");
+    CHECK(data.manifest().physics.contact.friction == 0.5);
+    fem::ProjectiveDynamics simulator(data.mesh(), scene.physics, scene.dt);
+    fem::State<double> state = initial_state(scene, data.mesh(), "train", 1);
+    const double v = state.v(0, 0);
+    Matrix<double> f_int(27, 3);
+    for (Index t = 0; t <= scene.frames; ++t) {
+      if (t > 0) simulator.advance(state, scene.substeps);
+      const fem::State<double> recorded = data.train()[1].state<double>(t);
+      data.train()[1].read_force<double>(t, f_int);
+      const Matrix<double> wanted = simulator.internal_force(state.x);
+      CHECK((recorded.x - state.x).cwiseAbs().maxCoeff() < 2e-7);
+      CHECK((f_int - wanted).cwiseAbs().maxCoeff() <= 1e-6 * (1 + wanted.cwiseAbs().maxCoeff()));
+    }
+    REQUIRE(data.train()[1].info().slide);
+    CHECK(data.train()[1].info().slide->path > 0.5 * scene.h() * 5);
+    CHECK_FALSE(data.train()[1].info().slide->at_rest);
+    CHECK(v == 1);
+    CHECK(state.v.col(0).mean() < 0.99);  // the ground has braked it
   }
 
   TEST_CASE("a run that is continued gives the same bytes") {

@@ -153,6 +153,26 @@ TEST_SUITE("nmp/dataset") {
     CHECK(data.stagger() == 0.5);
   }
 
+  TEST_CASE("what projective dynamics knows of a scene reads back, and is checked") {
+    const test::Folder folder;
+    Manifest manifest = write_dataset(folder.path());
+    manifest.physics.material.law = "projective";
+    manifest.physics.material.volume_weight = 2.5;
+    manifest.physics.contact = {"coulomb", 0.25, 10, 20, 30};
+    write_manifest(folder / "manifest.json", manifest);
+    const fem::Physics read = Dataset::open(folder.path()).manifest().physics;
+    CHECK(read.material.volume_weight == 2.5);
+    CHECK(read.contact.law == "coulomb");
+    CHECK(read.contact.friction == 0.25);
+    CHECK(read.contact.k_n == 10);
+    CHECK(read.contact.k_f == 20);
+    CHECK(read.contact.penalty_friction == 30);
+    manifest.physics.contact.law = "glue";
+    write_manifest(folder / "manifest.json", manifest);
+    CHECK(contains(test::message<InputError>([&] { Dataset::open(folder.path()); }),
+                   "contact: the contact law must be"));
+  }
+
   TEST_CASE("a trajectory from elsewhere may have no forces and any alignment") {
     const test::Folder folder;
     const Path path = folder / "a.safetensors";

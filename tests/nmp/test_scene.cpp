@@ -30,7 +30,8 @@ Mat3<double> turn(const fem::TetMesh<double>& mesh, const Matrix<double>& x) {
 
 TEST_SUITE("nmp/scene") {
   TEST_CASE("the paper's scenes ship") {
-    CHECK(shipped_scene_names() == std::vector<std::string>{"bob", "cube", "cubexl", "spot"});
+    CHECK(shipped_scene_names() ==
+          std::vector<std::string>{"bob", "cube", "cubexl", "friction", "spot"});
     Scene cubexl = read_scene("cubexl");
     CHECK(cubexl.vertices_per_edge == 22);
     cubexl.name = "cube";
@@ -133,7 +134,7 @@ TEST_SUITE("nmp/scene") {
     test::put(folder / "mine.toml", "name = \"mine\"\n");
     CHECK(read_scene(path).name == "mine");
     const std::string unknown = test::message<ConfigError>([] { read_scene("cubes"); });
-    CHECK(contains(unknown, "that ships (bob, cube, cubexl, spot"));
+    CHECK(contains(unknown, "that ships (bob, cube, cubexl, friction, spot"));
     CHECK(contains(unknown, "did you mean 'cube'?"));
     CHECK_THROWS_AS(read_scene(folder.path().string()), IoError);
     CHECK(contains(test::message<ConfigError>([] { read_scene("cube", {"mesh.sid=2"}); }),
@@ -306,6 +307,30 @@ TEST_SUITE("nmp/scene") {
     CHECK(contains(refusal("[pins]\nplanes = [[0, 0, 1]]\n"), "arrays of 4 numbers (one has 3)"));
     CHECK(contains(refusal("[pins]\nplanes = [[0, 0, 1, 0]]\n[initial]\nclearance = 1\n"),
                    "a.toml:4:13"));
+  }
+
+  TEST_CASE("FRICTION ships, and what projective dynamics alone knows stands in its text") {
+    const Scene scene = read_scene("friction");
+    CHECK(scene.physics.material.law == "projective");
+    CHECK(scene.physics.material.volume_weight == 1);
+    CHECK(scene.physics.contact.law == "coulomb");
+    CHECK(scene.physics.contact.friction > 0);
+    CHECK(scene.clearance == 0.005);
+    CHECK(scene.h() == doctest::Approx(2.5e-4));
+    const std::string toml = to_toml(scene);
+    CHECK(to_toml(parse_scene(toml, "again")) == toml);
+    CHECK(contains(toml, "friction = 0.5"));
+    CHECK_FALSE(contains(to_toml(read_scene("cube")), "friction"));
+
+    CHECK(contains(refusal("[contact]\nfriction = 0.5\n"),
+                   "a.toml:2:12: contact.friction: needs material.law = \"projective\""));
+    const std::string projective = "[material]\nlaw = \"projective\"\n[contact]\n";
+    CHECK(contains(refusal(projective + "friction = 0.5\n"), "needs contact.law = \"coulomb\""));
+    CHECK(contains(refusal(projective + "law = \"coulomb\"\nfriction = -0.5\n"),
+                   "a.toml:5:12: contact.friction: expected a number from 0"));
+    CHECK(contains(refusal(projective + "law = \"glue\"\n"), "frictionless, coulomb, penalty"));
+    CHECK(contains(refusal(projective + "law = \"coulomb\"\nground = \"none\"\n"),
+                   "expected \"frictionless\""));
   }
 
   TEST_CASE("what makes no sense is refused at its place") {
