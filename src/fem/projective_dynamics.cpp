@@ -179,8 +179,9 @@ void ProjectiveDynamics::advance(State<double>& state, Index n_steps) {
     const Eigen::VectorXd gaps = impl_->contact->gaps(state.x);
     Index lowest = 0;
     const double gap = gaps.minCoeff(&lowest);
-    NMP_CHECK(!(gap < -1e-6 * impl_->mesh.mean_edge_length()),
-              text("vertex ", lowest, " begins ", -gap, " m below the ground: lift the body"));
+    NMP_CHECK(
+        !(gap < -std::max(1e-6, 10 * impl_->options.tolerance) * impl_->mesh.mean_edge_length()),
+        text("vertex ", lowest, " begins ", -gap, " m below the ground: lift the body"));
   }
   for (Index k = 0; k < n_steps; ++k) impl_->step(state);
 }

@@ -16,7 +16,7 @@ class ProjectiveDynamics {
   struct Options {
     /// A step is solved when no vertex moves by more than this part of the mean edge in an
     /// iteration, and no contact by more than a tenth of it in a sweep.
-    double tolerance = 1e-8;
+    double tolerance = 1e-7;
     Index max_iterations = 500;
     int max_sweeps = 30;  // over the contacts, in an iteration
     /// Contacts by Ly's splitting instead of Gauss-Seidel on the Delassus matrix: each with its own

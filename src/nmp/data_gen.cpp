@@ -141,8 +141,8 @@ using FrameDone = std::function<bool()>;
 using ShowInverted = std::function<void(const std::string&)>;
 
 // Simulates and writes a group of trajectories side by side. False if it was stopped.
-bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& folder,
-              const std::string& scene_hash, const std::vector<Job>& group,
+bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Matrix<double>& shape,
+              const Path& folder, const std::string& scene_hash, const std::vector<Job>& group,
               const FrameDone& frame_done, const ShowInverted& show_inverted,
               const std::function<void(const std::string&)>& warn) {
   const auto n = static_cast<Index>(group.size());
@@ -150,7 +150,7 @@ bool simulate(const Scene& scene, const fem::TetMesh<double>& mesh, const Path& 
   std::vector<std::unique_ptr<TrajectoryWriter>> writers;
   for (Index k = 0; k < n; ++k) {
     const Job& job = group[static_cast<std::size_t>(k)];
-    simulator->set_state(k, initial_state(scene, mesh, job.split, job.index));
+    simulator->set_state(k, initial_state(scene, mesh, shape, job.split, job.index));
     writers.push_back(std::make_unique<TrajectoryWriter>(folder / job.record->name, scene.frames,
                                                          mesh.n_vertices(), job.record->seed,
                                                          scene.h(), scene_hash));
@@ -288,6 +288,7 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
   }
 
   // 3. The trajectories, a group at a time.
+  const Matrix<double> shape = jobs.empty() ? Matrix<double>() : start_shape(scene, mesh);
   const double n_frames =
       static_cast<double>(scene.train + scene.validation) * static_cast<double>(scene.frames);
   bool warned = false;
@@ -309,7 +310,8 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
       return !(options.stop && options.stop());
     };
     try {
-      stopped = !simulate(scene, mesh, folder, scene_hash, group, frame_done, show_inverted, warn);
+      stopped =
+          !simulate(scene, mesh, shape, folder, scene_hash, group, frame_done, show_inverted, warn);
     } catch (const NumericalError& error) {
       const std::string& name = group.front().record->name;
       throw NumericalError(group.size() == 1 ? text(name, ": ", error.what())

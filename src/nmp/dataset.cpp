@@ -178,6 +178,7 @@ Slide read_slide(const Entry& entry, Index n_frames) {
     slide.first_contact = entry["first_contact"].integer(0, n_frames);
   slide.path = entry["path"].number(0, 1e9);
   slide.at_rest = entry["at_rest"].boolean();
+  slide.stuck = entry["stuck"].boolean();
   slide.contacts = entry["contacts"].number(0, 1e9);
   return slide;
 }
@@ -210,6 +211,7 @@ OrderedJson json_records(const std::vector<RecordInfo>& records) {
     entry["slide"] = {{"first_contact", nullptr},
                       {"path", slide.path},
                       {"at_rest", slide.at_rest},
+                      {"stuck", slide.stuck},
                       {"contacts", slide.contacts}};
     if (slide.first_contact) entry["slide"]["first_contact"] = *slide.first_contact;
   }

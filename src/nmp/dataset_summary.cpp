@@ -41,6 +41,7 @@ MotionSummary motion(const Dataset& dataset, const std::vector<Trajectory>& traj
     ++summary.n_trajectories;
     if (const std::optional<Slide>& slide = trajectory.info().slide) {
       summary.at_rest = summary.at_rest.value_or(0) + slide->at_rest;
+      summary.stuck += slide->stuck;
       summary.path += slide->path;
       summary.contacts += slide->contacts;
     }
@@ -63,6 +64,7 @@ Json describe(const MotionSummary& s) {
             {"displacement", {s.min_displacement, s.max_displacement}}};
   if (s.at_rest) {
     json["at_rest"] = *s.at_rest;
+    json["stuck"] = s.stuck;
     json["path"] = s.path;
     json["contacts"] = s.contacts;
   }
@@ -76,13 +78,14 @@ std::string digits(double value) {
 }
 
 std::string sentence(const MotionSummary& s) {
-  return text(
-      s.n_trajectories, " trajectories, ", s.touched, " touch the ground; speed rms ",
-      digits(s.rms_speed), ", at most ", digits(s.max_speed), " m/s; rms displacement at the end ",
-      digits(s.min_displacement), " to ", digits(s.max_displacement), " m\n",
-      s.at_rest ? text("              ", *s.at_rest, " come to rest after ", digits(s.path),
-                       " m on the ground, ", digits(s.contacts), " vertices on it, on average\n")
-                : "");
+  return text(s.n_trajectories, " trajectories, ", s.touched, " touch the ground; speed rms ",
+              digits(s.rms_speed), ", at most ", digits(s.max_speed),
+              " m/s; rms displacement at the end ", digits(s.min_displacement), " to ",
+              digits(s.max_displacement), " m\n",
+              s.at_rest ? text("              ", *s.at_rest, " end at rest, ", s.stuck,
+                               " stuck to the ground, after ", digits(s.path), " m on the ground, ",
+                               digits(s.contacts), " vertices on it, on average\n")
+                        : "");
 }
 
 }  // namespace

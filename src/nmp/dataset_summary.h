@@ -14,9 +14,10 @@ struct MotionSummary {
   Index n_trajectories = 0;
   Index touched = 0;                    // those in which a vertex is on the ground at some frame
   double rms_speed = 0, max_speed = 0;  // of vertices [m/s]
-  /// Of scenes whose ground is not frictionless: trajectories that have come to rest, mean path on
-  /// the ground [m], mean number of vertices on it.
+  /// Of scenes whose ground is not frictionless: trajectories that end at rest or stuck (Slide),
+  /// mean path on the ground [m], mean number of vertices on it.
   std::optional<Index> at_rest;
+  Index stuck = 0;
   double path = 0, contacts = 0;
   /// Smallest and largest rms displacement of a trajectory's last frame from its first [m].
   double min_displacement = 0, max_displacement = 0;

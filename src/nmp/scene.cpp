@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "base/check.h"
+#include "fem/settle.h"
 #include "nmp/config.h"
 #include "nmp/random_rotation.h"
 #include "nmp/shipped.h"
@@ -79,6 +80,7 @@ void exchange(Config& config, Scene& s) {
   s.speed_min = config.number_or_none("initial.speed_min", s.speed_min, 0, 1e6);
   s.speed_max = config.number_or_none("initial.speed_max", s.speed_max, 0, 1e6);
   s.spin = config.number("initial.spin", s.spin, 0, 1e6);
+  if (projective) s.settled = config.boolean("initial.settled", s.settled);
 
   s.dt = config.number("time.dt", s.dt, s.shape == "file" ? 0 : 1e-12, 1);
   s.substeps = config.integer("time.substeps", s.substeps, 1, 1'000'000);
@@ -92,8 +94,8 @@ void exchange(Config& config, Scene& s) {
 
 constexpr const char* kCubeKeys[] = {"mesh.vertices_per_edge", "mesh.side"};
 constexpr const char* kProjectiveKeys[] = {
-    "material.volume_weight",  "contact.law", "contact.friction", "contact.k_n", "contact.k_f",
-    "contact.penalty_friction"};
+    "material.volume_weight",   "contact.law",    "contact.friction", "contact.k_n", "contact.k_f",
+    "contact.penalty_friction", "initial.settled"};
 constexpr const char* kFileKeys[] = {"mesh.file", "mesh.scale", "mesh.up", "mesh.checksum"};
 
 // A mesh file given on the command line takes the place of the scene's own body.
@@ -192,6 +194,11 @@ Scene parse_scene(const std::string& text, const std::string& origin,
   if (scene.clearance && !scene.physics.ground) {
     config.fail("initial.clearance", "expected \"none\" where contact.ground is \"none\"");
   }
+  if (scene.settled && scene.random_orientation)
+    config.fail("initial.settled",
+                "expected random_orientation = false, a body settles as it lies");
+  if (scene.settled && !scene.physics.ground && !scene.has_pins())
+    config.fail("initial.settled", "expected a ground or pins to settle on");
   if ((scene.v_min.array() > scene.v_max.array()).any()) {
     config.fail(config.has("initial.v_min") ? "initial.v_min" : "initial.v_max",
                 "expected v_min at most v_max in each component");
@@ -231,18 +238,22 @@ std::uint64_t trajectory_seed(const Scene& scene, const std::string& split, Inde
   return Random(scene.seed).split(split).split(static_cast<std::uint64_t>(index)).bits(0) >> 11;
 }
 
+Matrix<double> start_shape(const Scene& scene, const fem::TetMesh<double>& mesh) {
+  return scene.settled ? fem::settle(mesh, scene.physics) : mesh.vertices();
+}
+
 fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>& mesh,
-                                 const std::string& split, Index index) {
+                                 const Matrix<double>& shape, const std::string& split,
+                                 Index index) {
   const Random random(trajectory_seed(scene, split, index));
   const std::vector<int>& pinned = scene.physics.pinned;
-  fem::State<double> state{mesh.vertices(), Matrix<double>(mesh.n_vertices(), 3)};
+  fem::State<double> state{shape, Matrix<double>(mesh.n_vertices(), 3)};
 
   if (scene.random_orientation && pinned.empty()) {
     const Mat3<double> R = random_rotation(random.split("orientation"));
     // x = R (X - c) + c, with c the centre of mass.
-    const Vec3<double> c =
-        mesh.vertices().transpose() * mesh.vertex_volumes() / mesh.total_volume();
-    const Matrix<double> from_c = mesh.vertices().rowwise() - c.transpose();
+    const Vec3<double> c = shape.transpose() * mesh.vertex_volumes() / mesh.total_volume();
+    const Matrix<double> from_c = shape.rowwise() - c.transpose();
     state.x = (from_c * R.transpose()).rowwise() + c.transpose();
   }
   if (scene.clearance && scene.physics.ground && pinned.empty()) {

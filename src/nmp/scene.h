@@ -53,7 +53,8 @@ struct Scene {
   Vec3<double> v_min{-2, -2, -3}, v_max{2, 2, 1};  // one velocity for the whole body [m/s]
   /// In place of v_min and v_max: any direction, a speed uniform between these [m/s].
   std::optional<double> speed_min, speed_max;
-  double spin = 0;  // about any axis through the centre of mass, uniform up to this [rad/s]
+  bool settled = false;  // begins as it rests on the ground (fem/settle.h); "projective" only
+  double spin = 0;       // about any axis through the centre of mass, uniform up to this [rad/s]
 
   // [time]
   double dt = 1e-5;     // substep [s]; 0: chosen for the mesh (recorded_scene), a file's default
@@ -88,7 +89,13 @@ std::uint64_t trajectory_seed(const Scene& scene, const std::string& split, Inde
 /// The start of a trajectory: a pure function of the scene and trajectory_seed. The body is turned
 /// about its centre of mass, then lifted or lowered to its clearance; all free vertices have one
 /// velocity. Pins by rule must have become physics.pinned.
+/// @param shape  positions of the body before that, #V x 3 [m]: start_shape(), which is the same
+/// for
+///        all trajectories
 fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>& mesh,
-                                 const std::string& split, Index index);
+                                 const Matrix<double>& shape, const std::string& split,
+                                 Index index);
+/// Its rest positions, or those of a body that has settled.
+Matrix<double> start_shape(const Scene& scene, const fem::TetMesh<double>& mesh);
 
 }  // namespace nmp

@@ -11,8 +11,11 @@ struct Slide {
   std::optional<Index> first_contact;  // frame in which a vertex first is on the ground
   /// Length of the horizontal path of the centroid from there to the last frame [m].
   double path = 0;
-  /// The centroid has moved horizontally by less than 0.02 m/s in each of the last 50 frames.
+  /// In each of the last 50 frames the centroid has moved horizontally by less than 0.02 m/s. A
+  /// soft body that has stopped sliding still sways.
   bool at_rest = false;
+  /// The same of what is on the ground: the mean motion of the vertices that were and are there.
+  bool stuck = false;
   double contacts = 0;  // vertices on the ground, mean over the frames
 };
 
@@ -33,7 +36,8 @@ class SlideMeter {
   double ground_, h_;
   Slide slide_;
   Vec3<double> centroid_{0, 0, 0};
-  Index frames_ = 0, slow_frames_ = 0;
+  Matrix<double> x_;  // of the frame before
+  Index frames_ = 0, slow_frames_ = 0, stuck_frames_ = 0;
 };
 
 }  // namespace nmp

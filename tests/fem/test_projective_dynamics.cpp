@@ -6,6 +6,7 @@
 #include "cases.h"
 #include "fem/deformation_gradient.h"
 #include "fem/laws.h"
+#include "fem/settle.h"
 
 namespace nmp::fem {
 
@@ -313,6 +314,32 @@ TEST_SUITE("fem/projective_dynamics") {
     CHECK((1e5 * depth.square()).sum() == doctest::Approx(weight).epsilon(0.05));
     CHECK(std::abs(mean_velocity(mesh, state)(0)) < 1e-3);
     CHECK(bottom == 16);
+  }
+
+  TEST_CASE("a body settles where its forces balance, and stays there") {
+    const TetMesh<double> mesh = block();
+    const Physics physics = on_ground("coulomb", 0.5, 2e4);
+    const Matrix<double> x = settle(mesh, physics);
+    CHECK(x.col(2).minCoeff() >= -1e-7);
+    const double sag = (mesh.rest().col(2) - x.col(2)).maxCoeff();
+    CHECK(sag > 1e-3);
+    // Every vertex above the ground hangs on its neighbours; the ground carries all of the weight.
+    ProjectiveDynamics simulator(mesh, physics, 1e-3);
+    const Matrix<double> f = simulator.internal_force(x);
+    const Matrix<double> weight = 9800 * mesh.vertex_volumes();
+    double carried = 0;
+    for (Index i = 0; i < mesh.n_vertices(); ++i) {
+      if (x(i, 2) < 1e-6)
+        carried += weight(i, 0) - f(i, 2);
+      else
+        CHECK(std::abs(f(i, 2) - weight(i, 0)) <= 0.05 * weight.maxCoeff());
+    }
+    CHECK(carried == doctest::Approx(weight.sum()).epsilon(0.01));
+    State<double> state = still(x);
+    simulator.advance(state, 300);
+    CHECK(difference(state.x, x) <= 0.01 * sag);
+    CHECK(
+        contains(message<std::invalid_argument>([&] { settle(mesh, soft()); }), "neither ground"));
   }
 
   TEST_CASE("bad input is refused by name") {

@@ -14,7 +14,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     fuzz::require(to_toml(parse_scene(toml, "again.toml")) == toml);
     if (scene.shape != "cube" || scene.vertices_per_edge > 4) return;
     const fem::TetMesh<double> mesh = make_mesh(scene);
-    fem::State<double> state = initial_state(scene, mesh, "train", 0);
+    fem::State<double> state = initial_state(scene, mesh, mesh.vertices(), "train", 0);
     fem::Simulator<double>(mesh, scene.physics, scene.dt).advance(state, 1);
     fuzz::touch(state.x.data(), sizeof(double) * static_cast<std::size_t>(state.x.size()));
   });

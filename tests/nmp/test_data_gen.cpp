@@ -72,7 +72,8 @@ TEST_SUITE("nmp/data_gen") {
     REQUIRE(data.validation().size() == 1);
     bool touched = false;
     const auto compare = [&](const Trajectory& trajectory, const char* split, Index index) {
-      fem::State<double> state = initial_state(scene, data.mesh(), split, index);
+      fem::State<double> state =
+          initial_state(scene, data.mesh(), data.mesh().vertices(), split, index);
       const fem::State<float> first = trajectory.state<float>(0);
       CHECK(first.x == state.x.cast<float>());
       CHECK(first.v == state.v.cast<float>());
@@ -117,7 +118,8 @@ TEST_SUITE("nmp/data_gen") {
     const Dataset data = Dataset::open(folder / "data");
     CHECK(data.manifest().physics.contact.friction == 0.5);
     fem::ProjectiveDynamics simulator(data.mesh(), scene.physics, scene.dt);
-    fem::State<double> state = initial_state(scene, data.mesh(), "train", 1);
+    fem::State<double> state =
+        initial_state(scene, data.mesh(), data.mesh().vertices(), "train", 1);
     const double v = state.v(0, 0);
     Matrix<double> f_int(27, 3);
     for (Index t = 0; t <= scene.frames; ++t) {

@@ -32,6 +32,7 @@ TEST_SUITE("nmp/slide") {
     CHECK(sliding.path == doctest::Approx(0.1));
     CHECK(sliding.contacts == doctest::Approx(9.0 * 21 / 31));
     CHECK_FALSE(sliding.at_rest);
+    CHECK_FALSE(sliding.stuck);
     for (int t = 0; t < SlideMeter::kRestFrames; ++t) {
       CHECK_FALSE(meter.result().at_rest);
       x.col(1).array() += 0.9 * SlideMeter::kRestSpeed * h;
@@ -41,6 +42,20 @@ TEST_SUITE("nmp/slide") {
     CHECK(meter.result().at_rest);
     x.col(0).array() += 1.1 * SlideMeter::kRestSpeed * h;
     meter.add(x);
+    CHECK_FALSE(meter.result().at_rest);
+  }
+
+  TEST_CASE("a body that sways on its feet is stuck, but not at rest") {
+    const fem::TetMesh<double> mesh = fem::cube_mesh(3, 1);
+    constexpr double h = 0.01;
+    SlideMeter meter(mesh, -0.5, h);
+    Matrix<double> x = mesh.rest();
+    for (Index t = 0; t <= SlideMeter::kRestFrames; ++t) {
+      CHECK_FALSE(meter.result().stuck);
+      for (Index i = 0; i < x.rows(); ++i) x(i, 0) += 0.1 * h * (x(i, 2) + 0.5);
+      meter.add(x);
+    }
+    CHECK(meter.result().stuck);
     CHECK_FALSE(meter.result().at_rest);
   }
 }
