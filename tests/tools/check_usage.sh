@@ -41,6 +41,9 @@ declare -A complete=(
   ["reproduce table1"]="--scenes cube --scale smoke"
   ["model info"]="m"
 )
+# A sanitized program takes half a second to start: fewer of what the parser of options alone sees.
+values=('' -1 x 1e99 99999999999999999999999 nan)
+[ -z "$sanitized" ] || values=('' 99999999999999999999999)
 huge=$(head -c 100000 /dev/zero | tr '\0' x)
 escape=$'\e[31mred'
 for command in "${!complete[@]}"; do
@@ -53,7 +56,7 @@ for command in "${!complete[@]}"; do
   expect 2 "${name[@]}" "${rest[@]}" extra words "$huge"
   for option in --threads --seed --horizons --frames --trajectory --trajectories --max-minutes \
     --seconds --repetitions --vertices; do
-    for value in '' -1 x 1e99 99999999999999999999999 nan; do
+    for value in "${values[@]}"; do
       expect 2 "${name[@]}" "${rest[@]}" $option "$value"
     done
   done
@@ -65,6 +68,7 @@ for command in "${!complete[@]}"; do
   done
   # Options that take one value, twice; a value that is missing.
   for option in --model --data -o --split --stage --title --threads --seed; do
+    [ -z "$sanitized" ] || continue
     expect 2 "${name[@]}" "${rest[@]}" $option
     expect 2 "${name[@]}" "${rest[@]}" $option 1 $option 1
   done
