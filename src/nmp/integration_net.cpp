@@ -52,12 +52,14 @@ IntegrationNet<Real>::IntegrationNet(const IntegrationNetConfig& config, std::ui
 
 template <class Real>
 void IntegrationNet<Real>::set_scales(const IntegrationScales& scales) {
-  for (const double scale : {scales.x, scales.v, scales.f, scales.a})
+  for (const double scale : {scales.x, scales.v, scales.f, scales.a, scales.gap})
     NMP_CHECK(std::isfinite(scale) && scale > 0,
               text("the integration net's scales must be > 0, got ", scale));
   NMP_CHECK(scales.positions == "centred" || scales.positions == "height" ||
-                scales.positions == "absolute",
-            "positions must be centred, height or absolute, got " + scales.positions);
+                scales.positions == "gap" || scales.positions == "absolute",
+            "positions must be centred, height, gap or absolute, got " + scales.positions);
+  NMP_CHECK(std::isfinite(scales.ground),
+            text("the height of the ground must be finite, got ", scales.ground));
   scales_ = scales;
 }
 
@@ -104,16 +106,18 @@ typename IntegrationNet<Real>::Acceleration IntegrationNet<Real>::acceleration(
 
   // Positions of which the height may not be relative.
   Var<Real> x = own, height;
-  if (scales_.positions != "centred") {
-    const Var<Real> absolute = ad::scale(pick(batch.cloud), reciprocal(scales_.x));
-    x = scales_.positions == "absolute" ? absolute : ad::slice(own, 0, 2);
-    if (scales_.positions == "height") height = ad::slice(absolute, 2, 1);
+  const bool has_height = scales_.positions == "height" || scales_.positions == "gap";
+  if (scales_.positions == "absolute") x = ad::scale(pick(batch.cloud), reciprocal(scales_.x));
+  if (has_height) {
+    x = ad::slice(own, 0, 2);
+    const Var<Real> z = ad::slice(pick(batch.cloud), 2, 1);
+    height = scales_.positions == "height" ? ad::scale(z, reciprocal(scales_.x)) : gap(z);
   }
   const Var<Real> v = ad::scale(batch.v, reciprocal(scales_.v)),
                   f = ad::scale(batch.force, reciprocal(scales_.f));
   std::array<Var<Real>, kQuantities + 1> inputs{aligned, x};
   std::size_t n_inputs = 2;
-  if (scales_.positions == "height") inputs[n_inputs++] = height;
+  if (has_height) inputs[n_inputs++] = height;
   inputs[n_inputs++] = v;
   inputs[n_inputs++] = f;
   a.residual = evaluate(inputs.data(), n_inputs);
@@ -121,6 +125,13 @@ typename IntegrationNet<Real>::Acceleration IntegrationNet<Real>::acceleration(
   const Var<Real> net = ad::scale(a.residual, static_cast<Real>(scales_.a));
   a.total = affine() ? ad::add(a.total, net) : net;
   return a;
+}
+
+// (z - ground) / gap: #samples x 1
+template <class Real>
+Var<Real> IntegrationNet<Real>::gap(Var<Real> z) const {
+  const Matrix<Real> down = Matrix<Real>::Constant(1, 1, static_cast<Real>(-scales_.ground));
+  return ad::scale(ad::add_row(z, z.tape().constant(down)), static_cast<Real>(1 / scales_.gap));
 }
 
 // The embeddings and the inputs themselves are the first layer of one net on tiles.

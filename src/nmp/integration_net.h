@@ -21,8 +21,10 @@ struct IntegrationScales {
   double f = 1;  // rms of what the net sees as force: f_int / V [N/m3], or f_int [N] (form "paper")
   double a = 1;  // rms acceleration between frames [m/s2]
   /// Raw positions: "centred" (relative to the centroid), "height" (horizontally so, the height as
-  /// it is: with a ground), "absolute" (with pins).
+  /// it is: with a ground), "gap" (the height above the ground, in units of `gap`), "absolute"
+  /// (with pins).
   std::string positions = "centred";
+  double ground = 0, gap = 1;  // of "gap": height of the ground, mean edge length [m]
 };
 
 /// g_phi, the neural integration module (paper Sec. 3.2, Appendix; design.md section 2), per
@@ -91,6 +93,8 @@ class IntegrationNet : public fem::Integrator<Real> {
   nn::ParameterList<Real> affine_parameters();
 
  private:
+  Var<Real> gap(Var<Real> z) const;
+
   IntegrationNetConfig config_;
   IntegrationScales scales_;
   Alignment<Real> alignment_;

@@ -38,6 +38,10 @@ Json describe(const Model<float>& model) {
                          {"scale_f", scales.f},
                          {"scale_a", scales.a},
                          {"positions", scales.positions}};
+  if (scales.positions == "gap") {
+    json["integration"]["ground"] = scales.ground;
+    json["integration"]["gap"] = scales.gap;
+  }
   json["info"] = {{"h", info.h},
                   {"stagger", info.stagger},
                   {"substeps", info.substeps},
@@ -98,9 +102,14 @@ Model<Real> build(const Json& json, const std::string& config, Index n_weights) 
 
   Model<Real> model(stress, integration, 0);
   model.stress.set_scales(s.at("scale").get<double>(), s.at("z_scale").get<double>());
-  model.integration.set_scales({g.at("scale_x").get<double>(), g.at("scale_v").get<double>(),
-                                g.at("scale_f").get<double>(), g.at("scale_a").get<double>(),
-                                g.at("positions").get<std::string>()});
+  IntegrationScales scales{g.at("scale_x").get<double>(), g.at("scale_v").get<double>(),
+                           g.at("scale_f").get<double>(), g.at("scale_a").get<double>(),
+                           g.at("positions").get<std::string>()};
+  if (scales.positions == "gap") {
+    g.at("ground").get_to(scales.ground);
+    g.at("gap").get_to(scales.gap);
+  }
+  model.integration.set_scales(scales);
   const Json& i = json.at("info");
   i.at("h").get_to(model.info.h);
   i.at("stagger").get_to(model.info.stagger);

@@ -48,6 +48,7 @@ void exchange(Config& config, const std::string& table, Stage stage, StageConfig
   if (stage == Stage::integration) {
     s.window_start = config.integer(key("window_start"), s.window_start, 1, kMaxCount);
     s.window_end = config.integer(key("window_end"), s.window_end, 1, kMaxCount);
+    s.contact = config.number(key("contact"), s.contact, 0, 1);
     s.fit_window = config.integer(key("fit_window"), s.fit_window, 1, kMaxCount);
     s.residual_penalty = config.number(key("residual_penalty"), s.residual_penalty, 0, 1e12);
   }
@@ -81,6 +82,7 @@ void exchange(Config& config, TrainConfig& c) {
   net.form = config.choice("model.integration.form", net.form, {"affine", "density", "paper"});
   net.alignment =
       config.choice("model.integration.alignment", net.alignment, {"free", "quaternion"});
+  net.height = config.choice("model.integration.height", net.height, {"absolute", "gap"});
   net.embedding = config.integer("model.integration.embedding", net.embedding, 1, kMaxWidth);
   net.hidden = config.integer("model.integration.hidden", net.hidden, 1, kMaxWidth);
   exchange_widths(config, "model.integration.alignment_widths", net.alignment_widths);

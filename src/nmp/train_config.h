@@ -17,10 +17,11 @@ struct StressNetConfig {
 
 /// [model.integration]: g_phi (paper Sec. 3.2, Appendix; design.md section 2).
 struct IntegrationNetConfig {
-  std::string form = "affine";     // a = alpha f/V + b + net; "density": net of f/V; "paper": of f
-  std::string alignment = "free";  // T-Net's 3x3: "free" or "quaternion" (a rotation)
-  Index embedding = 32;            // width of the per-vertex embeddings
-  Index hidden = 64;               // width of the MLP
+  std::string form = "affine";      // a = alpha f/V + b + net; "density": net of f/V; "paper": of f
+  std::string alignment = "free";   // T-Net's 3x3: "free" or "quaternion" (a rotation)
+  std::string height = "absolute";  // above a ground: as it is, or its "gap" in mean edge lengths
+  Index embedding = 32;             // width of the per-vertex embeddings
+  Index hidden = 64;                // width of the MLP
   std::vector<Index> alignment_widths{64, 128, 64};  // shared encoder 3 -> 64 -> 128, head 64 -> 9
   double speed_limit = 30;                           // [m/s]
 };
@@ -39,6 +40,7 @@ struct StageConfig {
   double turned = 0;       // pairs: part of them seen from a reference frame turned at random
   Index pool = 1000000;    // pairs: elements kept, each state an equal part
   Index window_start = 20, window_end = 100;  // windows: frames
+  double contact = 0;  // windows: part of the vertices drawn from those on the ground at the start
   Index fit_window = 100;          // affine form: frames of the windows of the closed-form fit
   double residual_penalty = 1e-4;  // times the mean square of the residual, scaled
   Index reset_start = 60, reset_end = 200;  // rollout: steps between resets to the truth

@@ -38,7 +38,8 @@ double rms(const char* what, double squares, double n) {
 }
 
 // rms over vertices and states of training trajectories.
-IntegrationScales integration_scales(const Dataset& dataset, bool raw_force) {
+IntegrationScales integration_scales(const Dataset& dataset, const IntegrationNetConfig& config) {
+  const bool raw_force = config.form == "paper";
   const Index n_vertices = dataset.mesh().n_vertices();
   const fem::Physics& physics = dataset.manifest().physics;
   Matrix<double> x(n_vertices, 3), v(n_vertices, 3), v_next(n_vertices, 3), f(n_vertices, 3);
@@ -60,11 +61,16 @@ IntegrationScales integration_scales(const Dataset& dataset, bool raw_force) {
       sum_f += f.squaredNorm();
     }
   }
-  return {rms("x", sum_x, n), rms("v", sum_v, n), rms("f_int", sum_f, n),
+  return {rms("x", sum_x, n),
+          rms("v", sum_v, n),
+          rms("f_int", sum_f, n),
           rms("v", sum_a, n) / dataset.manifest().h,
-          !physics.pinned.empty() ? "absolute"
-          : physics.ground        ? "height"
-                                  : "centred"};
+          !physics.pinned.empty()  ? "absolute"
+          : !physics.ground        ? "centred"
+          : config.height == "gap" ? "gap"
+                                   : "height",
+          physics.ground.value_or(0),
+          dataset.mesh().mean_edge_length()};
 }
 
 struct StressScales {
@@ -464,7 +470,7 @@ Model<float> make_model(const TrainConfig& config, const Dataset& dataset) {
     throw InputError(dataset.folder().string() + ": there is no training trajectory");
   const StressScales stress = stress_scales(dataset);
   model.stress.set_scales(stress.P, stress.z);
-  model.integration.set_scales(integration_scales(dataset, model.integration.raw_force()));
+  model.integration.set_scales(integration_scales(dataset, model.integration.config()));
   model.info.h = dataset.manifest().h;
   model.info.stagger = config.staggered ? dataset.stagger() : 0;
   model.info.substeps = config.substeps;

@@ -42,9 +42,7 @@ class WindowsLoss : public TrainingLoss {
         static_cast<Index>(draw.below(1, static_cast<std::uint64_t>(trajectory.frames() - n) + 1));
     const Index n_vertices = dataset_.mesh().n_vertices(), n_states = n + 1;
     const Index n_samples = std::max<Index>(1, stage_.batch / n_states);
-    std::vector<Index> samples;
-    for (Index i = 0; i < n_samples; ++i)
-      samples.push_back(free_[draw.below(2 + static_cast<std::uint64_t>(i), free_.size())]);
+    const std::vector<Index> samples = draw_samples(trajectory, start, n_samples, draw);
 
     // Row i n_states + k of the samples is vertex i at state start + k.
     MatrixMap<float> cloud = tape.allocate(n_states * n_vertices, 3);
@@ -110,6 +108,30 @@ class WindowsLoss : public TrainingLoss {
   }
 
  private:
+  std::vector<Index> draw_samples(const Trajectory& trajectory, Index start, Index n,
+                                  const Random& draw) {
+    // Those on the ground at the start are few, and all that there is to learn of friction.
+    std::vector<Index> grounded;
+    if (stage_.contact > 0) {
+      x_.resize(dataset_.mesh().n_vertices(), 3);
+      v_.resize(dataset_.mesh().n_vertices(), 3);
+      trajectory.read_x<double>(start, x_);
+      trajectory.read_v<double>(start, v_);
+      const std::vector<char> touch = touching(dataset_.manifest(), x_, v_);
+      for (const Index i : free_)
+        if (touch[static_cast<std::size_t>(i)]) grounded.push_back(i);
+    }
+    const auto n_grounded =
+        grounded.empty() ? 0
+                         : static_cast<Index>(std::lround(stage_.contact * static_cast<double>(n)));
+    std::vector<Index> samples;
+    for (Index i = 0; i < n; ++i) {
+      const std::vector<Index>& from = i < n_grounded ? grounded : free_;
+      samples.push_back(from[draw.below(2 + static_cast<std::uint64_t>(i), from.size())]);
+    }
+    return samples;
+  }
+
   // The velocity that the net sees in a rollout stands s dv early; the affine part knows dv well
   // enough for that.
   double internal_velocity(double v, double f_density, Index axis) const {

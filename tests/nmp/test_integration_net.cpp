@@ -17,7 +17,7 @@ namespace {
 constexpr Index kVertices = 27;
 constexpr double kH = 5e-4;
 const char* const kForms[] = {"affine", "density", "paper"};
-const char* const kPositions[] = {"centred", "height", "absolute"};
+const char* const kPositions[] = {"centred", "height", "gap", "absolute"};
 
 struct Choice {
   std::string form = "affine", positions = "centred", alignment = "free";
@@ -183,6 +183,25 @@ TEST_SUITE("nmp/integration_net") {
       const Matrix<double> a = accelerate(net, tape, in.x, in.v, seen).total.value();
       fem::check_close(dv(net, in), kH * a, 1e-13, (kH * a).cwiseAbs().maxCoeff());
     }
+  }
+
+  TEST_CASE("a gap is the height above the ground in its own unit") {
+    const Inputs in;
+    auto height = make_net<double>({"affine", "height"}), gap = make_net<double>({"affine", "gap"});
+    IntegrationScales scales = gap.scales();
+    scales.gap = scales.x;
+    gap.set_scales(scales);
+    const Matrix<double> wanted = dv(height, in);
+    CHECK(same_bits(dv(gap, in), wanted));
+    Inputs lifted = in;
+    lifted.x.col(2).array() += 1.5;
+    scales.ground = 1.5;
+    gap.set_scales(scales);
+    const double scale = wanted.cwiseAbs().maxCoeff();
+    CHECK(fem::difference(dv(gap, lifted), wanted, scale) <= 1e-12);
+    scales.gap *= 2;
+    gap.set_scales(scales);
+    CHECK(fem::difference(dv(gap, lifted), wanted, scale) > 1e-6);
   }
 
   TEST_CASE("the vertices of a mesh may be numbered in any way (NN4)") {
@@ -467,6 +486,7 @@ TEST_SUITE("nmp/integration_net") {
       refused([&] { net.set_scales({1, bad, 1, 1, "centred"}); });
       refused([&] { net.set_scales({1, 1, bad, 1, "centred"}); });
       refused([&] { net.set_scales({1, 1, 1, bad, "centred"}); });
+      refused([&] { net.set_scales({1, 1, 1, 1, "gap", 0, bad}); });
     }
     refused([&] { net.set_scales({1, 1, 1, 1, "centered"}); });
     CHECK(net.scales().positions == "centred");

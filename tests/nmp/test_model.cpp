@@ -28,7 +28,7 @@ Model<float> make_model(const std::string& form = "affine", bool bias = true) {
   Model<float> model(stress, integration, 11);
   test::shake(model.parameters(), 5, 1);
   model.stress.set_scales(1.0 / 3e-6, 0.1);
-  model.integration.set_scales({0.1, 1.0 / 7, 1e6, 2.5e3, "height"});
+  model.integration.set_scales({0.1, 1.0 / 7, 1e6, 2.5e3, "gap", -1.25, 0.065});
   model.info.h = 5e-4;
   model.info.stagger = 0.49;
   model.info.substeps = 3;
@@ -131,7 +131,9 @@ TEST_SUITE("nmp/model") {
         CHECK(scales.v == 1.0 / 7);
         CHECK(scales.f == 1e6);
         CHECK(scales.a == 2.5e3);
-        CHECK(scales.positions == "height");
+        CHECK(scales.positions == "gap");
+        CHECK(scales.ground == -1.25);
+        CHECK(scales.gap == 0.065);
         const ModelInfo &info = again.info, &wanted = model.info;
         CHECK(info.h == wanted.h);
         CHECK(info.stagger == wanted.stagger);
@@ -300,7 +302,8 @@ TEST_SUITE("nmp/model") {
              {"\"embedding\":3", "\"embedding\":true"},
              {"\"alignment\":\"quaternion\"", "\"alignment\":\"none\""},
              {"\"alignment_widths\":[5,6,7]", "\"alignment_widths\":[5]"},
-             {"\"positions\":\"height\"", "\"positions\":\"up\""},
+             {"\"positions\":\"gap\"", "\"positions\":\"up\""},
+             {"\"gap\":0.065", "\"gap\":0"},
              {"\"scale_x\":0.1", "\"scale_x\":0"},
              {"\"scale_x\":0.1", "\"scale_x\":null"},
              {"\"scale_x\":0.1,", ""},

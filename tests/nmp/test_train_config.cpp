@@ -66,7 +66,7 @@ TEST_SUITE("nmp/train_config") {
     config.select = 3;
     config.skip_non_finite = 2;
     config.stress = {{5, 6, 7}, true};
-    config.integration = {"density", "quaternion", 8, 9, {1, 2, 3}, 1.0 / 3};
+    config.integration = {"density", "quaternion", "gap", 8, 9, {1, 2, 3}, 1.0 / 3};
     config.constitutive.lr = 1.0 / 7;
     config.constitutive.frames = 11;
     config.constitutive.pool = 12;
@@ -74,6 +74,7 @@ TEST_SUITE("nmp/train_config") {
     config.integrate.epochs = 4;
     config.integrate.window_start = 2;
     config.integrate.residual_penalty = 1e-300;
+    config.integrate.contact = 0.75;
     config.joint.volume_epsilon = 0.1;
     config.joint.select_every = 17;
     const TrainConfig read = parse_train_config(to_toml(config), "a.toml");
@@ -98,6 +99,8 @@ TEST_SUITE("nmp/train_config") {
     CHECK(read.integrate.epochs == 4);
     CHECK(read.integrate.window_start == 2);
     CHECK(read.integrate.residual_penalty == 1e-300);
+    CHECK(read.integrate.contact == 0.75);
+    CHECK(read.integration.height == "gap");
     CHECK(read.joint.volume_epsilon == 0.1);
     CHECK(read.joint.select_every == 17);
     CHECK(to_toml(parse_train_config("", "empty")) == to_toml(TrainConfig()));

@@ -305,6 +305,41 @@ TEST_SUITE("nmp/trainer") {
     CHECK_FALSE(same(with, in_two_steps));
   }
 
+  TEST_CASE("windows may draw their vertices from those on the ground") {
+    // The bottom of a cube lies still, the rest is shaken by forces that nobody tells.
+    test::Recording recording;
+    recording.physics.ground = 0;
+    recording.physics.gravity.setZero();
+    Matrix<double> x = recording.mesh.rest();
+    x.col(2).array() += 0.5;
+    test::Record record;
+    for (Index t = 0; t <= 30; ++t) {
+      Matrix<double> v = test::random_matrix(27, 3, static_cast<std::uint64_t>(t));
+      for (Index i = 0; i < 27; ++i)
+        if (x(i, 2) < 1e-9) v.row(i).setZero();
+      record.add(x, v, Matrix<double>::Zero(27, 3));
+    }
+    recording.train = recording.validation = {record};
+    const test::Folder folder;
+    const Dataset data = test::write_dataset(folder / "data", recording);
+    TrainConfig config = tiny_config();
+    const Model<float> model = [&] {
+      Model<float> made(config.stress, config.integration, 1);
+      made.integration.set_affine(1e-3, {0, 0, 0});
+      return made;
+    }();
+    const auto loss = [&](double contact) {
+      config.integrate.contact = contact;
+      ad::Tape<float> tape;
+      const auto made = make_windows_loss(model, data, {&data.train()[0]}, config.integrate, 1);
+      return static_cast<double>((*made)(tape, 0).value()(0, 0));
+    };
+    CHECK(loss(1) == 0);
+    CHECK(loss(0) > 0.1);
+    CHECK(loss(0.5) > 0.1);
+    CHECK(loss(0.5) < loss(0));
+  }
+
   TEST_CASE("the joint loss measures the elastic energy against the true law's") {
     const Dataset& data = tiny_dataset();
     TrainConfig config = tiny_config();
