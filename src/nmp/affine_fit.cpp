@@ -95,9 +95,10 @@ void add_windows(const Dataset& dataset, const Trajectory& trajectory, Index n, 
     const Index start = t - n;
     const Moment& then = ring[static_cast<std::size_t>(start % (n + 1))];
     for (Index i = 0; i < n_vertices; ++i) {
+      // What the ground does to a vertex, normal or by friction, is no part of the fit.
       if (pinned[static_cast<std::size_t>(i)]) continue;
-      const int axes = last_touch[static_cast<std::size_t>(i)] >= start ? 2 : 3;
-      for (int axis = 0; axis < axes; ++axis) {
+      if (last_touch[static_cast<std::size_t>(i)] >= start) continue;
+      for (int axis = 0; axis < 3; ++axis) {
         const double phi = now.phi_sum(i, axis) - then.phi_sum(i, axis) +
                            s * (now.phi(i, axis) - then.phi(i, axis));
         equations.add(axis, phi / static_cast<double>(n),

@@ -18,8 +18,8 @@ struct AffineFit {
 /// Closed-form least squares on windows of `window` frames (design.md section 9, integral
 /// supervision): along the true states,
 ///   v_{t+n} - v_t = sum_{k<n} dv_{t+k} + s (dv_{t+n} - dv_t),
-/// for every window of every trajectory and every vertex. Pinned vertices are left out, and the
-/// vertical component of vertices that touch the ground inside the window.
+/// for every window of every trajectory and every vertex. Pinned vertices are left out, and those
+/// that touch the ground inside the window, where friction may act.
 /// @throws InputError  if the trajectories hold no f_int or are shorter than the window;
 ///         NumericalError if the forces do not determine alpha
 AffineFit fit_affine(const Dataset& dataset, const std::vector<const Trajectory*>& trajectories,
