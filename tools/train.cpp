@@ -131,7 +131,9 @@ void add_train(CLI::App& app) {
        "nmp train fast --data data/cube --model law.safetensors --stage integration -o "
        "m.safetensors"});
   const auto o = std::make_shared<Options>();
-  train.add_option("CONFIG", o->config, "A TOML file, or a name that ships: fast, paper")
+  train
+      .add_option("CONFIG", o->config,
+                  "A TOML file, or a name that ships: fast, accurate, friction, paper")
       ->required();
   train.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
   train.add_option("-o,--output", o->out, "File of the model")->type_name("FILE")->required();
