@@ -282,10 +282,12 @@ TEST_SUITE("fem/projective_dynamics") {
     const TetMesh<double> mesh = block();
     const Mat3<double> Q = random_rotation(7);
     Physics physics = on_ground("coulomb", 0.3);
-    ProjectiveDynamics simulator(mesh, physics, 1e-3);
+    ProjectiveDynamics::Options options;
+    options.tolerance = 1e-10;
+    ProjectiveDynamics simulator(mesh, physics, 1e-3, options);
     physics.contact.normal = Q.col(2);
     physics.gravity = Q * physics.gravity;
-    ProjectiveDynamics other(mesh, physics, 1e-3);
+    ProjectiveDynamics other(mesh, physics, 1e-3, options);
     State<double> state = still(mesh.rest());
     state.x.col(2).array() += 1e-3;
     state.v.col(0).setConstant(0.7);
