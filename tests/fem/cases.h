@@ -39,6 +39,15 @@ inline Matrix<double> random_F(Index n, std::uint64_t seed, double low = 0.3, do
   return F;
 }
 
+/// left F right, per row.
+inline Matrix<double> rotated(const Matrix<double>& F, const Mat3<double>& left,
+                              const Mat3<double>& right) {
+  Matrix<double> result(F.rows(), 9);
+  for (Index e = 0; e < F.rows(); ++e)
+    store_mat3<double>(result, e, left * load_mat3<double>(F, e) * right);
+  return result;
+}
+
 /// The cube with inner vertices moved by a tenth of an edge, so that no two tets are alike.
 inline TetMesh<double> jittered_cube(Index n) {
   const TetMesh<double> cube = cube_mesh(n, 1);

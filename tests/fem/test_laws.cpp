@@ -53,14 +53,6 @@ Matrix<double> energy(const std::string& law, const Matrix<double>& F) {
   return Psi;
 }
 
-Matrix<double> rotated(const Matrix<double>& F, const Mat3<double>& left,
-                       const Mat3<double>& right) {
-  Matrix<double> result(F.rows(), 9);
-  for (Index e = 0; e < F.rows(); ++e)
-    store_mat3<double>(result, e, left * load_mat3<double>(F, e) * right);
-  return result;
-}
-
 Mat3<double> uniaxial(double s) { return Vec3<double>(s, 1, 1).asDiagonal(); }
 Mat3<double> shear(double g) {
   Mat3<double> F = Mat3<double>::Identity();

@@ -32,14 +32,6 @@ Matrix<double> with_inverted(Matrix<double> F) {
   return F;
 }
 
-Matrix<double> turned(const Matrix<double>& F, const Mat3<double>& left,
-                      const Mat3<double>& right) {
-  Matrix<double> result(F.rows(), 9);
-  for (Index e = 0; e < F.rows(); ++e)
-    store_mat3<double>(result, e, left * load_mat3<double>(F, e) * right);
-  return result;
-}
-
 // Central differences, extrapolated.
 Matrix<double> slope(const Matrix<double>& F, int k) {
   const auto at = [&](double h) -> Matrix<double> {
@@ -146,9 +138,9 @@ TEST_SUITE("fem/projective_law") {
     const Mat3<double> Q = random_rotation(4), I = Mat3<double>::Identity();
     const Matrix<double> P = stress(F);
     const double scale = P.cwiseAbs().maxCoeff();
-    check_close(stress(turned(F, Q, I)), turned(P, Q, I), 1e-12, scale);
-    check_close(stress(turned(F, I, Q)), turned(P, I, Q), 1e-12, scale);
-    check_close(energy(turned(F, Q, I)), energy(F), 1e-12, energy(F).maxCoeff());
+    check_close(stress(rotated(F, Q, I)), rotated(P, Q, I), 1e-12, scale);
+    check_close(stress(rotated(F, I, Q)), rotated(P, I, Q), 1e-12, scale);
+    check_close(energy(rotated(F, Q, I)), energy(F), 1e-12, energy(F).maxCoeff());
     double skew = 0;
     for (Index e = 0; e < F.rows(); ++e) {
       const Mat3<double> T = load_mat3<double>(P, e) * load_mat3<double>(F, e).transpose();
