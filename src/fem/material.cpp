@@ -36,6 +36,11 @@ Lame lame(double E, double nu) {
   return {E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))};
 }
 
+YoungPoisson young_poisson(const Lame& constants) {
+  const auto [mu, lambda] = constants;
+  return {mu * (3 * lambda + 2 * mu) / (lambda + mu), lambda / (2 * (lambda + mu))};
+}
+
 Lame lame(const Material& material) {
   Lame constants = lame(material.E, material.nu);
   if (material.law == "projective") constants.lambda *= material.volume_weight / 3;

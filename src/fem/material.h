@@ -18,6 +18,13 @@ struct Lame {
 ///         0.5 - nu > 1e-6, all finite
 Lame lame(double E, double nu);
 
+/// Young's modulus [Pa] and Poisson's ratio.
+struct YoungPoisson {
+  double E, nu;
+};
+/// The inverse of lame(E, nu).
+YoungPoisson young_poisson(const Lame& constants);
+
 struct Material {
   std::string law = "neo-hookean";  // or "stvk", "projective"
   double E = 5e5;                   // Young's modulus [Pa]

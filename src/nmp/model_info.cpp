@@ -35,8 +35,9 @@ EffectiveLaw effective_law(const fem::ConstitutiveLaw<double>& law, double strai
   const Eigen::Vector2d solution = A.ldlt().solve(b);
   const double mu = solution(0) / 2, lambda = solution(1);
   EffectiveLaw effective;
-  effective.E = mu * (3 * lambda + 2 * mu) / (lambda + mu);
-  effective.nu = lambda / (2 * (lambda + mu));
+  const fem::YoungPoisson constants = fem::young_poisson({mu, lambda});
+  effective.E = constants.E;
+  effective.nu = constants.nu;
   effective.misfit = (P - 2 * mu * e - lambda * t).norm() / P.norm();
   return effective;
 }
@@ -57,7 +58,14 @@ ModelSummary summarise(const Model<double>& model, const Dataset* dataset) {
   }
   if (!dataset) return summary;
   const Manifest& manifest = dataset->manifest();
-  if (manifest.law_known) summary.true_material = manifest.physics.material;
+  if (manifest.law_known) {
+    fem::Material& material = summary.true_material.emplace(manifest.physics.material);
+    if (material.law == "projective") {
+      const fem::YoungPoisson constants = fem::young_poisson(fem::lame(material));
+      material.E = constants.E;
+      material.nu = constants.nu;
+    }
+  }
   summary.true_gravity = manifest.physics.gravity;
   return summary;
 }

@@ -28,10 +28,12 @@ struct ModelSummary {
   double h = 0;                                     // [s]
   std::string form;                                 // of the integrator
   EffectiveLaw law;
-  StrainRange range;                           // seen in training, if it is known
-  std::optional<double> density;               // 1 / alpha [kg/m3], of an affine integrator
-  std::optional<Vec3<double>> gravity;         // b [m/s2], likewise
-  std::optional<fem::Material> true_material;  // of a dataset whose law is known
+  StrainRange range;                    // seen in training, if it is known
+  std::optional<double> density;        // 1 / alpha [kg/m3], of an affine integrator
+  std::optional<Vec3<double>> gravity;  // b [m/s2], likewise
+  /// Of a dataset whose law is known, with the E and nu that the law has at rest: not those of its
+  /// scene for "projective", unless its volume_weight is 3.
+  std::optional<fem::Material> true_material;
   std::optional<Vec3<double>> true_gravity;
 };
 

@@ -129,4 +129,23 @@ inline Physics free_flight(const std::string& law) {
   return physics;
 }
 
+/// A law's stress turns with the body and not with its material, P F^T is symmetric, and its energy
+/// does not see a turn.
+template <class Stress, class Energy>
+void check_symmetries(const Stress& stress, const Energy& energy, const Matrix<double>& F,
+                      const Mat3<double>& Q) {
+  const Mat3<double> I = Mat3<double>::Identity();
+  const Matrix<double> P = stress(F), Psi = energy(F);
+  const double scale = P.cwiseAbs().maxCoeff();
+  check_close(stress(rotated(F, Q, I)), rotated(P, Q, I), 1e-12, scale);
+  check_close(stress(rotated(F, I, Q)), rotated(P, I, Q), 1e-12, scale);
+  check_close(energy(rotated(F, Q, I)), Psi, 1e-12, Psi.maxCoeff());
+  double skew = 0;
+  for (Index e = 0; e < F.rows(); ++e) {
+    const Mat3<double> T = load_mat3<double>(P, e) * load_mat3<double>(F, e).transpose();
+    skew = std::max(skew, (T - T.transpose()).cwiseAbs().maxCoeff());
+  }
+  CHECK(skew <= 1e-12 * scale);
+}
+
 }  // namespace nmp::fem

@@ -92,6 +92,17 @@ TEST_SUITE("nmp/model_info") {
     CHECK(json["learned"]["nu"] == beside.law.nu);
     CHECK(json["config"] == "by hand");
 
+    // The truth of a projective law is what it has at rest, not what its scene says.
+    scene.physics.material = {"projective", 3e5, 0.4, 800, 1};
+    generate_dataset(scene, folder / "projective");
+    const Dataset projective = Dataset::open(folder / "projective");
+    const auto truth = summarise(loaded, &projective).true_material;
+    const EffectiveLaw at_rest =
+        effective_law(*fem::make_law<double>(scene.physics.material), 1e-5);
+    CHECK(truth->E == doctest::Approx(at_rest.E).epsilon(1e-4));
+    CHECK(truth->nu == doctest::Approx(at_rest.nu).epsilon(1e-4));
+    CHECK(truth->nu < 0.35);
+
     // An untrained net is no isotropic law, and an integrator without numbers tells none.
     config.integration.form = "density";
     Model<float> other = make_model(config, data);
