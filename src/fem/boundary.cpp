@@ -1,6 +1,7 @@
 #include "fem/boundary.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "base/check.h"
@@ -53,6 +54,15 @@ Boundary<Real> make_boundary(const TetMesh<Real>& mesh, std::vector<int> pinned,
 }
 
 template <class Real>
+std::shared_ptr<ad::Parameter<Real>> make_friction(double mu) {
+  NMP_CHECK(mu >= 0 && std::isfinite(mu), text("friction must be >= 0 and finite, got ", mu));
+  auto friction = std::make_shared<ad::Parameter<Real>>("friction", Matrix<Real>(1, 1));
+  friction->mutable_value().setConstant(Real(mu));
+  friction->set_frozen(true);
+  return friction;
+}
+
+template <class Real>
 Var<Real> pin_positions(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, Var<Real> x) {
   if (boundary.pinned.empty()) return x;
   MatrixMap<Real> result = x.tape().allocate(x.rows(), x.cols());
@@ -79,6 +89,7 @@ void pin(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, View<Real> x
 #define NMP_INSTANTIATE(Real)                                                               \
   template Boundary<Real> make_boundary(const TetMesh<Real>&, std::vector<int>,             \
                                         std::optional<Real>);                               \
+  template std::shared_ptr<ad::Parameter<Real>> make_friction(double);                      \
   template Var<Real> pin_positions(const TetMesh<Real>&, const Boundary<Real>&, Var<Real>); \
   template Var<Real> pin_velocities(const Boundary<Real>&, Var<Real>);                      \
   template void pin<Real>(const TetMesh<Real>&, const Boundary<Real>&, View<Real>, View<Real>);

@@ -201,6 +201,17 @@ void sort_in_space(const Matrix<double>& centroids, Index* begin, Index* end) {
   sort_in_space(centroids, middle, end);
 }
 
+// v_T' = max(0, 1 - mu |v_N| / |v_T|) v_T of the lanes in contact, as rub() does.
+void rub_lanes(double mu, const LaneFlags& touching, Lanes* v) {
+  for (Index k = 0; k < kWidth; ++k) {
+    if (touching[k] == 0) continue;
+    const double speed = std::sqrt(v[0][k] * v[0][k] + v[1][k] * v[1][k]), most = -(mu * v[2][k]);
+    const double left = speed > most ? 1 - most / speed : 0;
+    v[0][k] *= left;
+    v[1][k] *= left;
+  }
+}
+
 }  // namespace
 
 struct LaneSimulator::Impl {
@@ -260,6 +271,8 @@ LaneSimulator::Impl::Impl(const TetMesh<double>& mesh_in, const Physics& physics
   NMP_CHECK(physics.material.law != "projective",
             "LaneSimulator has no law \"projective\": use Simulator or ProjectiveDynamics");
   boundary = make_boundary(mesh, physics.pinned, physics.ground);
+  if (physics.contact.law == "coulomb")
+    boundary.friction = make_friction<double>(physics.contact.friction);
   const Lame constants = lame(physics.material.E, physics.material.nu);
   neo_hookean_law = {constants.mu, constants.lambda};
   stvk_law = {constants.mu, constants.lambda};
@@ -362,12 +375,14 @@ void LaneSimulator::Impl::accumulate_chunks(Group& group, Index begin, Index end
   }
 }
 
-// v' = v + h (f_int / m + g),  x' = x + h v', pins, ground: as `step` does.
+// v' = v + h (f_int / m + g + c (w - v)), rubbed, x' = x + h v', pins, ground: as `step` does.
 void LaneSimulator::Impl::move_vertices(Group& group, Index chunk) const {
   const Index first = chunk * kVerticesPerChunk;
   const Index last = std::min(first + kVerticesPerChunk, mesh.n_vertices());
   const double h = dt, fastest = 10 * mesh.diagonal() / h, limit = fastest * fastest;
   const double hg[3] = {h * physics.gravity[0], h * physics.gravity[1], h * physics.gravity[2]};
+  const double drag = physics.air.drag;
+  const Lanes ground = Lanes{} + boundary.ground.value_or(0), zero{};
   Flags flags = all_good();
   for (Index p = first; p < last; ++p) {
     const auto place = static_cast<std::size_t>(p);
@@ -386,15 +401,20 @@ void LaneSimulator::Impl::move_vertices(Group& group, Index chunk) const {
           Lanes minus_f = group.slots[static_cast<std::size_t>(*slot)].at[part][i];
           for (const std::int32_t* next = slot + 1; next != end; ++next)
             minus_f += group.slots[static_cast<std::size_t>(*next)].at[part][i];
+          const Lanes pull = drag > 0 ? h * (drag * (physics.air.wind[i] - v[i])) : zero;
           v[i] += minus_f * minus_h_over_m[place] + hg[i];
-          x[i] += h * v[i];
+          if (drag > 0) v[i] += pull;
         }
+        if (boundary.friction) {
+          const LaneFlags touching = (x[2] + h * v[2] < ground) & (v[2] < zero);
+          rub_lanes(boundary.friction->value()(0, 0), touching, v);
+        }
+        for (int i = 0; i < 3; ++i) x[i] += h * v[i];
       }
       // A lane that is to be stopped keeps its state: the ground does not hide what went wrong.
       const LaneFlags good = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] <= limit;
       flags.good[part] &= good;
       if (boundary.ground) {
-        const Lanes ground = Lanes{} + *boundary.ground, zero{};
         const LaneFlags below = (x[2] < ground) & good;
         v[2] = (below & (v[2] < zero)) ? zero : v[2];
         x[2] = below ? ground : x[2];

@@ -71,9 +71,14 @@ void check(const GroundContact& contact) {
 
 void check_explicit(const Physics& physics) {
   check(physics);
-  NMP_CHECK(
-      physics.contact.law == "frictionless" && physics.contact.normal == Vec3<double>(0, 0, 1),
-      "explicit simulators have a level ground without friction: use ProjectiveDynamics");
+  NMP_CHECK(physics.contact.law != "penalty" && physics.contact.normal == Vec3<double>(0, 0, 1),
+            "explicit simulators have a level ground without penalty: use ProjectiveDynamics");
+}
+
+void check(const Air& air) {
+  NMP_CHECK(air.drag >= 0 && std::isfinite(air.drag),
+            text("drag must be >= 0 1/s and finite, got ", air.drag));
+  NMP_CHECK(air.wind.allFinite(), text("wind must be finite, got ", air.wind.transpose()));
 }
 
 void check(const Physics& physics) {
@@ -83,6 +88,7 @@ void check(const Physics& physics) {
   NMP_CHECK(!physics.ground || std::isfinite(*physics.ground),
             text("ground must be finite, got ", *physics.ground));
   check(physics.contact);
+  check(physics.air);
 }
 
 }  // namespace nmp::fem

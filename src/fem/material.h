@@ -45,8 +45,9 @@ const std::vector<std::string>& law_names();
 /// @throws std::invalid_argument  naming key and range, if anything is outside
 void check(const Material& material);
 
-/// What the ground does to a body that touches it. The explicit simulators and the learned ones
-/// have a level ground without friction; the rest is for ProjectiveDynamics.
+/// What the ground does to a body that touches it. Explicit simulators have a level ground,
+/// frictionless or with Coulomb's law; the rest is for ProjectiveDynamics. Learned simulators are
+/// told of no friction.
 struct GroundContact {
   std::string law = "frictionless";  // or "coulomb", "penalty" (DiffPD's)
   double friction = 0;               // mu of "coulomb" [-]
@@ -62,12 +63,21 @@ const std::vector<std::string>& contact_law_names();
 /// @throws std::invalid_argument  naming key and range, if anything is outside
 void check(const GroundContact& contact);
 
+/// Air that drags every vertex along: an acceleration c (w - v).
+struct Air {
+  double drag = 0;             // c [1/s]
+  Vec3<double> wind{0, 0, 0};  // w [m/s]
+};
+/// @throws std::invalid_argument  naming key and range, if anything is outside
+void check(const Air& air);
+
 /// Everything besides the mesh that a body's motion depends on.
 struct Physics {
   Material material;
   Vec3<double> gravity{0, 0, -9.8};  // [m/s2]
   std::optional<double> ground;  // height of the ground plane, z, or n . x [m]; none: no contact
   GroundContact contact;
+  Air air;
   std::vector<int> pinned;  // vertices held at their rest positions
 };
 

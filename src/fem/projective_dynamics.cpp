@@ -140,6 +140,11 @@ void ProjectiveDynamics::Impl::step(State<double>& state) {
   check_state<double>(mesh, state.x, state.v, h, work.steps + 1);
   momentum =
       (state.v.rowwise() + h * physics.gravity.transpose()).array().colwise() * mass.col(0).array();
+  if (physics.air.drag > 0) {
+    const Matrix<double> wind = physics.air.wind.transpose().replicate(state.v.rows(), 1);
+    momentum.array() +=
+        (h * physics.air.drag * (wind - state.v)).array().colwise() * mass.col(0).array();
+  }
   if (physics.ground && !contact) add_penalty(state);
   deformation_gradient<double>(mesh, state.x, F0);
   if (contact) contact->begin_step(state.x, h);

@@ -10,7 +10,8 @@ namespace nmp::fem {
 /// "projective": each step minimises
 ///   |x' - y|^2_M / (2 h^2) + sum_e V_e Psi(F_e(x')),   y = x + h v + h^2 M^-1 f_ext,
 /// by turns: every element's nearest rotation and nearest volume, then one linear system that never
-/// changes. M is the lumped mass. A step depends on nothing but the state before it.
+/// changes. M is the lumped mass; air drags with the velocities that a step begins with. A step
+/// depends on nothing but the state before it.
 class ProjectiveDynamics {
  public:
   struct Options {

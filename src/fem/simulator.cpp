@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "base/check.h"
+#include "fem/air.h"
 #include "fem/deformation_gradient.h"
 #include "fem/guard.h"
 #include "fem/internal_force.h"
@@ -26,6 +27,8 @@ Simulator<Real>::Simulator(const TetMesh<Real>& mesh, const Physics& physics, Re
   std::optional<Real> ground;
   if (physics.ground) ground = Real(*physics.ground);
   boundary_ = make_boundary(mesh, physics.pinned, ground);
+  if (physics.contact.law == "coulomb")
+    boundary_.friction = make_friction<Real>(physics.contact.friction);
   F_.resize(mesh.n_tets(), 9);
   P_.resize(mesh.n_tets(), 9);
   corners_.resize(16, mesh.n_tets());
@@ -55,6 +58,7 @@ void Simulator<Real>::advance(State<Real>& state, Index n_steps) {
     }
     check_force<Real>(mesh_, state.x, state.v, f_int_, dt_, now);
     semi_implicit_euler<Real>(mesh_, density, gravity, dt_, f_int_, dv_);
+    add_drag<Real>(physics_.air, dt_, state.v, dv_);
     check_increment<Real>(mesh_, state.x, state.v, dv_, dt_, now);
     fem::advance<Real>(mesh_, boundary_, dt_, dv_, state.x, state.v);
     ++steps_done_;

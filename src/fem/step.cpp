@@ -1,6 +1,7 @@
 #include "fem/step.h"
 
 #include "base/check.h"
+#include "fem/friction.h"
 
 namespace nmp::fem {
 
@@ -23,17 +24,18 @@ template <class Real>
 Contact<Real> advance(const StepContext<Real>& context, Var<Real> x, Var<Real> v, Var<Real> dv) {
   auto& tape = x.tape();
   const Real h = context.h;
-  MatrixMap<Real> v_new = tape.allocate(v.rows(), v.cols()),
-                  x_new = tape.allocate(x.rows(), x.cols());
+  MatrixMap<Real> v_new = tape.allocate(v.rows(), v.cols());
   v_new = v.value();
   add_velocity_increment<Real>(dv.value(), v_new);
-  const Var<Real> v_moved =
+  const Var<Real> v_free =
       tape.record("advance_velocities", {v, dv}, v_new, [v, dv](const ConstMatrixMap<Real>& bar) {
         if (v.needs_grad()) v.bar() += bar;
         if (dv.needs_grad()) dv.bar() += bar;
       });
+  const Var<Real> v_moved = rub(context.boundary, h, x, v_free);
+  MatrixMap<Real> x_new = tape.allocate(x.rows(), x.cols());
   x_new = x.value();
-  add_displacement<Real>(h, v_new, x_new);
+  add_displacement<Real>(h, v_moved.value(), x_new);
   const Var<Real> x_moved = tape.record("advance_positions", {x, v_moved}, x_new,
                                         [x, v_moved, h](const ConstMatrixMap<Real>& bar) {
                                           if (x.needs_grad()) x.bar() += bar;
@@ -47,6 +49,7 @@ template <class Real>
 void advance(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, Real h,
              const ConstView<Real>& dv, View<Real> x, View<Real> v) {
   add_velocity_increment<Real>(dv, v);
+  rub<Real>(boundary, h, x, v);
   add_displacement<Real>(h, v, x);
   pin<Real>(mesh, boundary, x, v);
   project_ground<Real>(boundary, x, v);

@@ -13,13 +13,14 @@ struct Step {
 
 /// One step of Algorithm 1 over the two seams:
 ///   f_int = law(x), dv = integrator(x, v, f_int), v' = v + dv, x' = x + h v', then S_BC, then C.
+/// On a ground with friction v' is rubbed (fem/friction.h) before x moves by it.
 /// @param x  #V x 3 [m]   @param v  #V x 3 [m/s]
 /// @throws NumericalError  where the law is not defined
 template <class Real>
 Step<Real> step(const ConstitutiveLaw<Real>& law, const Integrator<Real>& integrator,
                 const StepContext<Real>& context, Var<Real> x, Var<Real> v);
 
-/// What comes after dv in a step: v' = v + dv, x' = x + h v', S_BC, C.
+/// What comes after dv in a step: v' = v + dv, rubbed, x' = x + h v', S_BC, C.
 template <class Real>
 Contact<Real> advance(const StepContext<Real>& context, Var<Real> x, Var<Real> v, Var<Real> dv);
 

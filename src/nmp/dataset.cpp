@@ -426,14 +426,19 @@ void write_manifest(const Path& path, const Manifest& manifest) {
   json["material"] = {
       {"law", nullptr}, {"E", material.E}, {"nu", material.nu}, {"density", material.density}};
   if (manifest.law_known) json["material"]["law"] = material.law;
-  if (material.law == "projective") {
-    const fem::GroundContact& contact = physics.contact;
+  const fem::GroundContact& contact = physics.contact;
+  const bool projective = material.law == "projective";
+  if (projective || contact.law != "frictionless")
+    json["contact"] = {{"law", contact.law}, {"friction", contact.friction}};
+  if (projective) {
     json["material"]["volume_weight"] = material.volume_weight;
-    json["contact"] = {{"law", contact.law},
-                       {"friction", contact.friction},
-                       {"k_n", contact.k_n},
-                       {"k_f", contact.k_f},
-                       {"penalty_friction", contact.penalty_friction}};
+    json["contact"]["k_n"] = contact.k_n;
+    json["contact"]["k_f"] = contact.k_f;
+    json["contact"]["penalty_friction"] = contact.penalty_friction;
+  }
+  if (physics.air.drag > 0) {
+    const Vec3<double>& wind = physics.air.wind;
+    json["air"] = {{"drag", physics.air.drag}, {"wind", {wind(0), wind(1), wind(2)}}};
   }
   json["dt"] = manifest.dt;
   json["substeps"] = manifest.substeps;
@@ -470,10 +475,13 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   manifest.scene_toml = root["scene"]["toml"].word();
 
   fem::Physics& physics = manifest.physics;
-  std::vector<double> gravity;
-  root["gravity"].for_each(3, [&](const Entry& g) { gravity.push_back(g.number(-1e9, 1e9)); });
-  if (gravity.size() != 3) root["gravity"].fail("an array of three numbers");
-  physics.gravity = Vec3<double>(gravity[0], gravity[1], gravity[2]);
+  const auto vector = [](const Entry& entry) {
+    std::vector<double> numbers;
+    entry.for_each(3, [&](const Entry& each) { numbers.push_back(each.number(-1e9, 1e9)); });
+    if (numbers.size() != 3) entry.fail("an array of three numbers");
+    return Vec3<double>(numbers[0], numbers[1], numbers[2]);
+  };
+  physics.gravity = vector(root["gravity"]);
   if (!root["ground"].is_null()) physics.ground = root["ground"].number(-1e9, 1e9);
   const Entry material = root["material"];
   manifest.law_known = !material["law"].is_null();
@@ -481,11 +489,18 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   physics.material.E = material["E"].number(0, 1e18);
   physics.material.nu = material["nu"].number(-1, 0.5);
   physics.material.density = material["density"].number(0, 1e18);
-  if (physics.material.law == "projective") {
+  const bool projective = physics.material.law == "projective";
+  if (projective || root.has("contact")) {
+    physics.contact.law = root["contact"]["law"].word();
+    physics.contact.friction = root["contact"]["friction"].number(0, 1e3);
+  }
+  if (root.has("air")) {
+    physics.air.drag = root["air"]["drag"].number(0, 1e6);
+    physics.air.wind = vector(root["air"]["wind"]);
+  }
+  if (projective) {
     const Entry contact = root["contact"];
     physics.material.volume_weight = material["volume_weight"].number(0, 1e6);
-    physics.contact.law = contact["law"].word();
-    physics.contact.friction = contact["friction"].number(0, 1e3);
     physics.contact.k_n = contact["k_n"].number(0, 1e15);
     physics.contact.k_f = contact["k_f"].number(0, 1e15);
     physics.contact.penalty_friction = contact["penalty_friction"].number(0, 1e15);

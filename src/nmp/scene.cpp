@@ -15,6 +15,10 @@ namespace {
 constexpr std::int64_t kMaxVerticesPerEdge = 400;  // 4 #T, the number of corners, stays below 2^31
 constexpr std::int64_t kMaxSeed = std::numeric_limits<std::int64_t>::max();
 
+// Whether a scene's file has a key that is left out of the text of scenes without it.
+bool asked(const ConfigReader& config, const char* key) { return config.has(key); }
+bool asked(const ConfigWriter&, const char*) { return false; }
+
 // Every key of a scene, once, for both directions: Config is ConfigReader or ConfigWriter.
 template <class Config>
 void exchange(Config& config, Scene& s) {
@@ -49,14 +53,23 @@ void exchange(Config& config, Scene& s) {
         config.number("material.volume_weight", material.volume_weight, 1e-6, 1e6);
 
   physics.ground = config.number_or_none("contact.ground", physics.ground, -1e6, 1e6);
-  if (projective) {
-    fem::GroundContact& contact = physics.contact;
+  fem::GroundContact& contact = physics.contact;
+  if (projective || contact.law != "frictionless" || asked(config, "contact.law") ||
+      asked(config, "contact.friction")) {
     contact.law = config.choice("contact.law", contact.law, fem::contact_law_names());
     contact.friction = config.number("contact.friction", contact.friction, 0, 1e3);
+  }
+  if (projective) {
     contact.k_n = config.number("contact.k_n", contact.k_n, 0, 1e15);
     contact.k_f = config.number("contact.k_f", contact.k_f, 0, 1e15);
     contact.penalty_friction =
         config.number("contact.penalty_friction", contact.penalty_friction, 0, 1e15);
+  }
+
+  fem::Air& air = physics.air;
+  if (air.drag > 0 || asked(config, "air.drag") || asked(config, "air.wind")) {
+    air.drag = config.number("air.drag", air.drag, 0, 1e6);
+    air.wind = config.vector("air.wind", air.wind);
   }
 
   const auto pinned = config.integers(
@@ -93,9 +106,8 @@ void exchange(Config& config, Scene& s) {
 }
 
 constexpr const char* kCubeKeys[] = {"mesh.vertices_per_edge", "mesh.side"};
-constexpr const char* kProjectiveKeys[] = {
-    "material.volume_weight",   "contact.law",    "contact.friction", "contact.k_n", "contact.k_f",
-    "contact.penalty_friction", "initial.settled"};
+constexpr const char* kProjectiveKeys[] = {"material.volume_weight", "contact.k_n", "contact.k_f",
+                                           "contact.penalty_friction", "initial.settled"};
 constexpr const char* kFileKeys[] = {"mesh.file", "mesh.scale", "mesh.up", "mesh.checksum"};
 
 // A mesh file given on the command line takes the place of the scene's own body.
@@ -139,12 +151,16 @@ void check_contact(const ConfigReader& config, const fem::Physics& physics) {
       if (config.has(key))
         config.fail(key, "needs material.law = \"projective\", the law of projective dynamics");
     }
+    if (physics.contact.law == "penalty")
+      config.fail("contact.law", "\"penalty\" needs material.law = \"projective\"");
   }
   const fem::GroundContact& contact = physics.contact;
   if (contact.law != "frictionless" && !physics.ground)
     config.fail("contact.law", "expected \"frictionless\" where contact.ground is \"none\"");
   if (contact.friction > 0 && contact.law != "coulomb")
     config.fail("contact.friction", "needs contact.law = \"coulomb\"");
+  if (!physics.air.wind.isZero(0) && physics.air.drag == 0)
+    config.fail("air.wind", "needs air.drag > 0, by which it pulls");
 }
 
 void check_rules(const ConfigReader& config, const PinRules& pins) {

@@ -42,8 +42,8 @@ struct Scene {
 
   // [material] law, E [Pa], nu, density [kg/m3]   [contact] ground [m]   [pins] vertices, by number
   // The law "projective" is simulated by ProjectiveDynamics, the others by explicit steps; it alone
-  // has [material] volume_weight and [contact] law, friction, k_n, k_f, penalty_friction.
-  // gravity [m/s2]
+  // has [material] volume_weight and [contact] k_n, k_f, penalty_friction of the law "penalty".
+  // [contact] law, friction   [air] drag [1/s], wind [m/s]   gravity [m/s2]
   fem::Physics physics;
   PinRules pins;  // more vertices, by rule; make_body (body.h) finds them
 

@@ -2,10 +2,12 @@
 #include "dual/dual.h"
 
 #define NMP_TEST_SCALAR Dual
+#include "fem/air.cpp"
 #include "fem/boundary.cpp"
 #include "fem/constitutive_law.cpp"
 #include "fem/contact.cpp"
 #include "fem/deformation_gradient.cpp"
+#include "fem/friction.cpp"
 #include "fem/internal_force.cpp"
 #include "fem/isotropic_parameters.cpp"
 #include "fem/neo_hookean.cpp"

@@ -364,10 +364,10 @@ TEST_SUITE("fem/projective_dynamics") {
     physics = soft();
     physics.material.law = "neo-hookean";
     CHECK(contains(error(physics), "projective"));
-    // Explicit simulators do not pretend to know friction.
-    physics = on_ground("coulomb", 0.3);
+    // Explicit simulators do not pretend to know more than Coulomb's law.
+    physics = on_ground("penalty", 0);
     CHECK(contains(message<std::invalid_argument>([&] { Simulator<double>(mesh, physics, 1e-3); }),
-                   "without friction"));
+                   "without penalty"));
 
     ProjectiveDynamics simulator(mesh, on_ground("coulomb", 0.3), 1e-3);
     State<double> state = still(mesh.rest());  // its lower half is below z = 0

@@ -323,9 +323,13 @@ TEST_SUITE("nmp/scene") {
     CHECK_FALSE(contains(to_toml(read_scene("cube")), "friction"));
 
     CHECK(contains(refusal("[contact]\nfriction = 0.5\n"),
-                   "a.toml:2:12: contact.friction: needs material.law = \"projective\""));
+                   "a.toml:2:12: contact.friction: needs contact.law = \"coulomb\""));
+    CHECK(contains(refusal("[contact]\nk_n = 0.5\n"),
+                   "a.toml:2:7: contact.k_n: needs material.law = \"projective\""));
     const std::string projective = "[material]\nlaw = \"projective\"\n[contact]\n";
     CHECK(contains(refusal(projective + "friction = 0.5\n"), "needs contact.law = \"coulomb\""));
+    CHECK(contains(refusal("[contact]\nlaw = \"penalty\"\n"),
+                   "a.toml:2:7: contact.law: \"penalty\" needs material.law = \"projective\""));
     CHECK(contains(refusal(projective + "law = \"coulomb\"\nfriction = -0.5\n"),
                    "a.toml:5:12: contact.friction: expected a number from 0"));
     CHECK(scene.settled);
@@ -334,6 +338,24 @@ TEST_SUITE("nmp/scene") {
     CHECK(contains(refusal(projective + "law = \"glue\"\n"), "frictionless, coulomb, penalty"));
     CHECK(contains(refusal(projective + "law = \"coulomb\"\nground = \"none\"\n"),
                    "expected \"frictionless\""));
+  }
+
+  TEST_CASE("explicit scenes may have friction and wind, which others do not name") {
+    const Scene scene = parse_scene(
+        "[contact]\nlaw = \"coulomb\"\nfriction = 0.3\n[air]\ndrag = 0.5\nwind = [3, 0, 1]\n", "a");
+    CHECK(scene.physics.contact.law == "coulomb");
+    CHECK(scene.physics.air.drag == 0.5);
+    CHECK(scene.physics.air.wind == Vec3<double>(3, 0, 1));
+    const std::string toml = to_toml(scene);
+    CHECK(contains(toml, "wind = [3.0, 0.0, 1.0]"));
+    CHECK(contains(toml, "friction = 0.3"));
+    CHECK(to_toml(parse_scene(toml, "again")) == toml);
+    const std::string plain = to_toml(read_scene("cube"));
+    CHECK_FALSE(contains(plain, "air"));
+    CHECK_FALSE(contains(plain, "coulomb"));
+    CHECK(contains(refusal("[air]\ndrag = -1\n"), "air.drag: expected a number from 0"));
+    CHECK(
+        contains(refusal("[air]\nwind = [1, 0, 0]\n"), "a.toml:2:8: air.wind: needs air.drag > 0"));
   }
 
   TEST_CASE("what makes no sense is refused at its place") {
