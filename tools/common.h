@@ -100,6 +100,7 @@ void add_mesh(CLI::App& app);
 void add_train(CLI::App& app);
 void add_rollout(CLI::App& app);
 void add_eval(CLI::App& app);
+void add_fit(CLI::App& app);
 void add_report(CLI::App& app);
 void add_grad_check(CLI::App& app);
 void add_bench(CLI::App& app);

@@ -112,6 +112,7 @@ int run(int argc, char** argv) {
   add_train(app);
   add_rollout(app);
   add_eval(app);
+  add_fit(app);
   add_report(app);
   add_grad_check(app);
   add_bench(app);

@@ -2,6 +2,7 @@
 
 #include "autodiff/parameter.h"
 #include "autodiff/tape.h"
+#include "fem/constitutive_law.h"
 #include "fem/material.h"
 
 namespace nmp::fem {
@@ -28,6 +29,13 @@ class IsotropicParameters {
  private:
   // E = E0 exp(log_E - log E0): exactly E0 until log_E is changed.
   Real E0_, log_E0_;
+};
+
+/// A law with them.
+template <class Real>
+struct IsotropicLaw : ConstitutiveLaw<Real> {
+  IsotropicLaw(double E, double nu) : parameters(E, nu) {}
+  IsotropicParameters<Real> parameters;
 };
 
 }  // namespace nmp::fem

@@ -7,7 +7,7 @@
 namespace nmp::fem {
 
 template <class Real>
-std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material& material) {
+std::unique_ptr<IsotropicLaw<Real>> make_law(const Material& material) {
   check(material);
   if (material.law == "stvk") return std::make_unique<StVK<Real>>(material.E, material.nu);
   if (material.law == "projective")
@@ -41,7 +41,7 @@ void energy_density(const Material& material, const ConstView<Real>& F, View<Rea
 }
 
 #define NMP_INSTANTIATE(Real)                                                                   \
-  template std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material&);                    \
+  template std::unique_ptr<IsotropicLaw<Real>> make_law(const Material&);                    \
   template void stress<Real>(const Material&, const Lame&, const ConstView<Real>&, View<Real>); \
   template void energy_density<Real>(const Material&, const ConstView<Real>&, View<Real>);
 

@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "fem/constitutive_law.h"
+#include "fem/isotropic_parameters.h"
 #include "fem/material.h"
 
 namespace nmp::fem {
@@ -10,7 +10,7 @@ namespace nmp::fem {
 /// The analytic law that `material.law` names: "neo-hookean", "stvk" or "projective".
 /// @throws std::invalid_argument  naming the known laws
 template <class Real>
-std::unique_ptr<ConstitutiveLaw<Real>> make_law(const Material& material);
+std::unique_ptr<IsotropicLaw<Real>> make_law(const Material& material);
 
 /// Its stress.   F #T x 9 [-]  ->  P #T x 9 [Pa]
 /// @param constants  lame(material)

@@ -132,7 +132,7 @@ Var<Real> neo_hookean_energy(Var<Real> F, Var<Real> mu, Var<Real> lambda) {
 
 template <class Real>
 Var<Real> NeoHookean<Real>::stress(Var<Real> F) const {
-  const auto lame = parameters.lame(F.tape());
+  const auto lame = this->parameters.lame(F.tape());
   return neo_hookean_stress(F, lame.mu, lame.lambda);
 }
 

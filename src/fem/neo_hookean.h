@@ -1,6 +1,5 @@
 #pragma once
 
-#include "fem/constitutive_law.h"
 #include "fem/isotropic_parameters.h"
 
 namespace nmp::fem {
@@ -25,12 +24,11 @@ template <class Real>
 Var<Real> neo_hookean_energy(Var<Real> F, Var<Real> mu, Var<Real> lambda);
 
 template <class Real>
-class NeoHookean : public ConstitutiveLaw<Real> {
+class NeoHookean : public IsotropicLaw<Real> {
  public:
-  NeoHookean(double E, double nu) : parameters(E, nu) {}
+  using IsotropicLaw<Real>::IsotropicLaw;
   Var<Real> stress(Var<Real> F) const override;
   bool refuses_inverted() const override { return true; }
-  IsotropicParameters<Real> parameters;
 };
 
 }  // namespace nmp::fem

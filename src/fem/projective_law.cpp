@@ -206,7 +206,7 @@ Var<Real> projective_energy(Var<Real> F, Var<Real> mu, Var<Real> lambda) {
 
 template <class Real>
 Var<Real> ProjectiveLaw<Real>::stress(Var<Real> F) const {
-  const auto lame = parameters.lame(F.tape());
+  const auto lame = this->parameters.lame(F.tape());
   return projective_stress(F, lame.mu, ad::scale(lame.lambda, volume_weight_ / Real(3)));
 }
 

@@ -1,6 +1,5 @@
 #pragma once
 
-#include "fem/constitutive_law.h"
 #include "fem/isotropic_parameters.h"
 
 namespace nmp::fem {
@@ -31,12 +30,11 @@ Var<Real> projective_energy(Var<Real> F, Var<Real> mu, Var<Real> lambda);
 /// @param volume_weight  w_v / lambda, w_v the weight of |F - Q|^2 / 2: 3 is linear elasticity; 1,
 ///        as DiffPD has it, acts as a third of lambda
 template <class Real>
-class ProjectiveLaw : public ConstitutiveLaw<Real> {
+class ProjectiveLaw : public IsotropicLaw<Real> {
  public:
   ProjectiveLaw(double E, double nu, double volume_weight)
-      : parameters(E, nu), volume_weight_(static_cast<Real>(volume_weight)) {}
+      : IsotropicLaw<Real>(E, nu), volume_weight_(static_cast<Real>(volume_weight)) {}
   Var<Real> stress(Var<Real> F) const override;
-  IsotropicParameters<Real> parameters;
 
  private:
   Real volume_weight_;

@@ -119,7 +119,7 @@ Var<Real> stvk_energy(Var<Real> F, Var<Real> mu, Var<Real> lambda) {
 
 template <class Real>
 Var<Real> StVK<Real>::stress(Var<Real> F) const {
-  const auto lame = parameters.lame(F.tape());
+  const auto lame = this->parameters.lame(F.tape());
   return stvk_stress(F, lame.mu, lame.lambda);
 }
 

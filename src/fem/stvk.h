@@ -1,6 +1,5 @@
 #pragma once
 
-#include "fem/constitutive_law.h"
 #include "fem/isotropic_parameters.h"
 
 namespace nmp::fem {
@@ -22,11 +21,10 @@ template <class Real>
 Var<Real> stvk_energy(Var<Real> F, Var<Real> mu, Var<Real> lambda);
 
 template <class Real>
-class StVK : public ConstitutiveLaw<Real> {
+class StVK : public IsotropicLaw<Real> {
  public:
-  StVK(double E, double nu) : parameters(E, nu) {}
+  using IsotropicLaw<Real>::IsotropicLaw;
   Var<Real> stress(Var<Real> F) const override;
-  IsotropicParameters<Real> parameters;
 };
 
 }  // namespace nmp::fem
