@@ -132,8 +132,9 @@ void add_train(CLI::App& app) {
        "m.safetensors"});
   const auto o = std::make_shared<Options>();
   train
-      .add_option("CONFIG", o->config,
-                  "A TOML file, or a name that ships: fast, accurate, friction, paper")
+      .add_option(
+          "CONFIG", o->config,
+          "A TOML file, or a name that ships: fast, accurate, friction, nclaw, paper, transfer")
       ->required();
   train.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
   train.add_option("-o,--output", o->out, "File of the model")->type_name("FILE")->required();

@@ -67,28 +67,21 @@ Eigen::VectorXd FitObjective::scales() const {
   return scales;
 }
 
-// The velocity at the beginning of a step h / n that semi-implicit Euler makes stands half a step
-// early: v = (x+ - x-) / 2h - (h / 2n) a, with a = (x+ - 2 x + x-) / h^2. For n = 1 it is
-// (x - x-) / h.
-FitObjective::Start FitObjective::start(const FitSegment& segment) const {
+fem::State<double> FitObjective::start(const FitSegment& segment) const {
   const Trajectory& truth = *segment.trajectory;
   const Simulation<double> simulation = model_.simulation(substeps_, 0);
-  const double h = simulation.h * static_cast<double>(substeps_);
-  const Index n_vertices = truth.n_vertices();
-  Matrix<double> before(n_vertices, 3), after(n_vertices, 3);
-  Start start{Matrix<double>(n_vertices, 3), {}};
-  truth.read_x<double>(segment.start - 1, before);
+  fem::State<double> start{
+      Matrix<double>(truth.n_vertices(), 3),
+      velocity_from_positions<double>(
+          truth, segment.start, simulation.h * static_cast<double>(substeps_), substeps_, true)};
   truth.read_x<double>(segment.start, start.x);
-  truth.read_x<double>(segment.start + 1, after);
-  start.v = (after - before) / (2 * h) -
-            (after - 2 * start.x + before) / (2 * h * static_cast<double>(substeps_));
   for (const int i : simulation.boundary.pinned) start.v.row(i).setZero();
   return start;
 }
 
 bool FitObjective::predict(const FitSegment& segment, Matrix<double>& x,
                            std::string& reason) const {
-  const Start begin = start(segment);
+  const fem::State<double> begin = start(segment);
   const Index n_vertices = begin.x.rows();
   x.resize(length_ * n_vertices, 3);
   const RolloutEnd end = roll_out<double>(model_.simulation(substeps_, 0), {begin.x, begin.v},
@@ -126,7 +119,7 @@ double FitObjective::value() const {
 Eigen::VectorXd FitObjective::gradient(const FitSegment& segment) const {
   const Simulation<double> simulation = model_.simulation(substeps_, 0);
   const fem::StepContext<double> context{simulation.mesh, simulation.h, simulation.boundary};
-  const Start begin = start(segment);
+  const fem::State<double> begin = start(segment);
   Matrix<double> x_true(begin.x.rows(), 3);
   ad::Tape<double> tape;
   ad::Vars<double> state{tape.constant(begin.x), tape.constant(begin.v)};

@@ -60,10 +60,7 @@ class FitObjective {
     std::string label;
     double scale, low, high;
   };
-  struct Start {
-    Matrix<double> x, v;
-  };
-  Start start(const FitSegment& segment) const;
+  fem::State<double> start(const FitSegment& segment) const;
   // Positions of frames 1 ... length, one below another.
   bool predict(const FitSegment& segment, Matrix<double>& x, std::string& reason) const;
   void record(const FitSegment& segment, Matrix<double>& x) const;

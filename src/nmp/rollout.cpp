@@ -90,8 +90,23 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
 }
 
 template <class Real>
+Matrix<Real> velocity_from_positions(const Trajectory& truth, Index t, double h, Index substeps,
+                                     bool staggered) {
+  NMP_CHECK(t >= 1 && t < truth.frames(),
+            text("frame ", t, " has no neighbours within 0 ... ", truth.frames()));
+  const Index n_vertices = truth.n_vertices();
+  Matrix<double> before(n_vertices, 3), now(n_vertices, 3), after(n_vertices, 3);
+  truth.read_x<double>(t - 1, before);
+  truth.read_x<double>(t, now);
+  truth.read_x<double>(t + 1, after);
+  Matrix<double> v = (after - before) / (2 * h);
+  if (staggered) v -= (after - 2 * now + before) / (2 * h * static_cast<double>(substeps));
+  return v.template cast<Real>();
+}
+
+template <class Real>
 RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth, Index n_frames,
-                     const std::function<void()>& each_frame) {
+                     const std::function<void(const Frame<Real>&)>& each_frame) {
   const Index n_vertices = simulation.mesh.n_vertices();
   RolloutError error;
   Matrix<double> x(n_vertices, 3), x_true(n_vertices, 3);
@@ -104,18 +119,19 @@ RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth
       roll_out<Real>(simulation, truth.state<Real>(0), n_frames, [&](const Frame<Real>& frame) {
         x = frame.x.template cast<double>();
         add(frame.t);
-        if (each_frame) each_frame();
+        if (each_frame) each_frame(frame);
       });
   for (auto t = static_cast<Index>(error.rmse.size()); t <= n_frames; ++t) add(t);
   return error;
 }
 
-#define NMP_INSTANTIATE(Real)                                                           \
-  template Var<Real> internal_velocity(const Simulation<Real>&, Var<Real>, Var<Real>);  \
-  template RolloutEnd roll_out(const Simulation<Real>&, const fem::State<Real>&, Index, \
-                               const std::function<void(const Frame<Real>&)>&);         \
-  template RolloutError compare(const Simulation<Real>&, const Trajectory&, Index,      \
-                                const std::function<void()>&);
+#define NMP_INSTANTIATE(Real)                                                                   \
+  template Var<Real> internal_velocity(const Simulation<Real>&, Var<Real>, Var<Real>);          \
+  template RolloutEnd roll_out(const Simulation<Real>&, const fem::State<Real>&, Index,         \
+                               const std::function<void(const Frame<Real>&)>&);                 \
+  template Matrix<Real> velocity_from_positions(const Trajectory&, Index, double, Index, bool); \
+  template RolloutError compare(const Simulation<Real>&, const Trajectory&, Index,              \
+                                const std::function<void(const Frame<Real>&)>&);
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)

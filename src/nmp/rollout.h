@@ -56,14 +56,22 @@ RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& 
 
 /// RMSE [m] of a rollout against the record it starts from, at every frame 0 ... n_frames; after a
 /// divergence the body is held at its last finite frame (design.md section 2).
-/// @param each_frame  called after every frame; may throw to end the rollout
+/// @param each_frame  shown every frame; may throw to end the rollout
 struct RolloutError {
   std::vector<double> rmse;
   RolloutEnd end;
 };
 template <class Real>
 RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth, Index n_frames,
-                     const std::function<void()>& each_frame = {});
+                     const std::function<void(const Frame<Real>&)>& each_frame = {});
+
+/// Velocities inside at frame t of a record, from positions alone: (x+ - x-) / 2h, and where the
+/// convention is staggered half a step of h / substeps earlier, by the acceleration
+/// (x+ - 2 x + x-) / h^2. In a single step per frame that is (x - x-) / h.   #V x 3 [m/s]
+/// @param h  between frames [s]   @param t  in 1 ... frames - 1
+template <class Real>
+Matrix<Real> velocity_from_positions(const Trajectory& truth, Index t, double h, Index substeps,
+                                     bool staggered);
 
 /// v_in at a start or a reset to the truth: v - s dv(x, v, f(x)).   #V x 3
 template <class Real>

@@ -146,21 +146,33 @@ class RolloutLoss : public TrainingLoss {
           "joint.energy_weight needs a dataset whose law is known, for the true energy: set "
           "joint.energy_weight = 0");
     variances_ = dataset_variances(dataset, trajectories, has_energy_);
-    has_force_ = variances_.f > 0;
-    if (learned == Learned::law && !has_force_)
+    has_force_ = variances_.f > 0 && !positions_only();
+    if (learned == Learned::law && !has_force_ && !positions_only())
       throw InputError("the law is trained on f_int, which the training trajectories do not hold");
     x_true_.resize(mesh_.n_vertices(), 3);
     v_true_ = f_true_ = x_true_;
   }
 
   ad::Var<float> operator()(ad::Tape<float>& tape, Index iteration) override {
-    const Segment segment = plan_[static_cast<std::size_t>(iteration)];
+    Segment segment = plan_[static_cast<std::size_t>(iteration)];
     const Trajectory& truth = *trajectories_[segment.trajectory];
     const Simulation<float> simulation = this->simulation();
-    const fem::State<float> start = truth.state<float>(segment.start);
-
-    const ad::Var<float> x = tape.constant(start.x);
-    ad::Vars<float> state{x, internal_velocity(simulation, x, tape.constant(start.v))};
+    if (positions_only()) {  // whose velocity needs a frame before
+      segment.start = std::min(std::max<Index>(segment.start, 1), truth.frames() - 1);
+      segment.length = std::min(segment.length, truth.frames() - segment.start);
+    }
+    Matrix<float> x_start(mesh_.n_vertices(), 3), v_start(mesh_.n_vertices(), 3);
+    truth.read_x<float>(segment.start, x_start);
+    const ad::Var<float> x = tape.constant(x_start);
+    ad::Vars<float> state{x};
+    if (positions_only()) {
+      v_start = velocity_from_positions<float>(truth, segment.start, dataset_.manifest().h,
+                                               simulation.substeps, simulation.stagger > 0);
+      state.push_back(fem::pin_velocities(simulation.boundary, tape.constant(v_start)));
+    } else {
+      truth.read_v<float>(segment.start, v_start);
+      state.push_back(internal_velocity(simulation, x, tape.constant(v_start)));
+    }
     ad::Var<float> loss;
     for (Index k = 0; k <= segment.length; ++k) {
       const bool last = k == segment.length;
@@ -178,6 +190,8 @@ class RolloutLoss : public TrainingLoss {
   }
 
  private:
+  bool positions_only() const { return stage_.observed == "positions"; }
+
   Simulation<float> simulation() const {
     const fem::ConstitutiveLaw<float>& law = model_.stress;
     const fem::Integrator<float>& integrator = model_.integration;
@@ -214,7 +228,7 @@ class RolloutLoss : public TrainingLoss {
     if (has_energy_) loss = ad::add(loss, energy_term(x));
     if (!first) {
       add_term(ad::subtract(x, tape.constant(x_true_)), variances_.dx);
-      if (learned_ != Learned::law) {
+      if (learned_ != Learned::law && !positions_only()) {
         const ad::Var<float> reported = ad::add(v, ad::scale(dv, simulation.stagger));
         add_term(ad::multiply(ad::subtract(reported, tape.constant(v_true_)), velocity_mask(tape)),
                  variances_.dv);

@@ -46,7 +46,11 @@ const std::vector<StudyKind>& study_kinds() {
       {"model-size", "A smaller and a larger stress net, on CUBE", study_model_size},
       {"laws", "A law that is the derivative of an energy, beside the paper's", study_laws},
       {"efficiency", "Seconds for 1000 frames of BOB, and the error they buy", study_efficiency},
-      {"failure", "The worst rollout on BOB", study_failure}};
+      {"failure", "The worst rollout on BOB", study_failure},
+      {"friction", "Friction that nobody tells of: learned, and by simulators", study_friction},
+      {"sysid", "E and nu of CUBE from positions alone", study_sysid},
+      {"transfer", "CUBE's model on a softer cube in wind, from positions", study_transfer},
+      {"volume-weight", "The volume loss at four weights, on that cube", study_volume_weight}};
   return all;
 }
 

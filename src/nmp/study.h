@@ -57,7 +57,11 @@ Study study_model_size(const StudyOptions& options);   // width of the stress ne
 Study study_laws(const StudyOptions& options);         // a law with an energy beside the paper's
 Study study_efficiency(const StudyOptions& options);   // seconds per rollout and their errors
 Study study_failure(const StudyOptions& options);      // the worst rollout
-Study study_trajectories(const StudyOptions& options);  // the 40 trajectories of CUBE
+Study study_trajectories(const StudyOptions& options);   // the 40 trajectories of CUBE
+Study study_friction(const StudyOptions& options);       // learned, against simulators without it
+Study study_sysid(const StudyOptions& options);          // E and nu from positions
+Study study_transfer(const StudyOptions& options);       // CUBE's model on a softer cube in wind
+Study study_volume_weight(const StudyOptions& options);  // the hinge at four weights, there
 
 /// Keeps a study in the folder, WORK/studies/NAME.json, and makes WORK/report.html of all that are
 /// kept there. @return  the report's path

@@ -103,19 +103,21 @@ Path Context::trained(const std::string& name, const TrainConfig& config, const 
 
 template <class Real>
 Measured measure(const Context& context, const Simulation<Real>& simulation, const Dataset& dataset,
-                 Index n_trajectories) {
+                 Index n_trajectories,
+                 const std::function<void(Index, const Frame<Real>&)>& observe) {
   Measured result;
   std::vector<double> seconds;
   for (Index i = 0; i < n_trajectories; ++i) {
     const Trajectory& truth = dataset.validation()[static_cast<std::size_t>(i)];
     truth.verify();
-    Index frame = 0;
     const auto begin = std::chrono::steady_clock::now();
-    const RolloutError run = compare<Real>(simulation, truth, truth.frames(), [&] {
+    const auto each_frame = [&](const Frame<Real>& frame) {
       context.part((static_cast<double>(i) +
-                    static_cast<double>(frame++) / static_cast<double>(truth.frames() + 1)) /
+                    static_cast<double>(frame.t) / static_cast<double>(truth.frames() + 1)) /
                    static_cast<double>(n_trajectories));
-    });
+      if (observe) observe(i, frame);
+    };
+    const RolloutError run = compare<Real>(simulation, truth, truth.frames(), each_frame);
     seconds.push_back(
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
     result.diverged += run.end.diverged;
@@ -127,8 +129,10 @@ Measured measure(const Context& context, const Simulation<Real>& simulation, con
   if (!seconds.empty()) result.seconds = seconds[seconds.size() / 2];
   return result;
 }
-template Measured measure(const Context&, const Simulation<float>&, const Dataset&, Index);
-template Measured measure(const Context&, const Simulation<double>&, const Dataset&, Index);
+template Measured measure(const Context&, const Simulation<float>&, const Dataset&, Index,
+                          const std::function<void(Index, const Frame<float>&)>&);
+template Measured measure(const Context&, const Simulation<double>&, const Dataset&, Index,
+                          const std::function<void(Index, const Frame<double>&)>&);
 
 double mean(const std::vector<double>& values) { return mean_std(values).mean; }
 

@@ -69,9 +69,11 @@ struct Measured {
   Index diverged = 0;
   double seconds = 0;  // of one rollout, the median
 };
+/// @param observe  shown every frame of trajectory i
 template <class Real>
 Measured measure(const Context& context, const Simulation<Real>& simulation, const Dataset& dataset,
-                 Index n_trajectories);
+                 Index n_trajectories,
+                 const std::function<void(Index i, const Frame<Real>&)>& observe = {});
 
 double mean(const std::vector<double>& values);
 /// "0.00056 +- 0.0001", "-" of nothing.

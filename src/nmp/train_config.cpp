@@ -54,6 +54,7 @@ void exchange(Config& config, const std::string& table, Stage stage, StageConfig
   }
   s.reset_start = config.integer(key("reset_start"), s.reset_start, 1, kMaxCount);
   s.reset_end = config.integer(key("reset_end"), s.reset_end, 1, kMaxCount);
+  s.observed = config.choice(key("observed"), s.observed, {"all", "positions"});
   if (stage == Stage::joint) {
     s.force_weight = config.number(key("force_weight"), s.force_weight, 0, 1e12);
     s.energy_weight = config.number(key("energy_weight"), s.energy_weight, 0, 1e12);
@@ -108,6 +109,8 @@ void check_stage(const ConfigReader& config, const std::string& table, const Sta
   if (s.epochs > 0 && s.iterations > 0) {
     config.fail(prefix + "epochs", "expected epochs or iterations, found both");
   }
+  if (s.observed != "all" && s.method != "rollout")
+    config.fail(prefix + "observed", "expected \"all\", which method " + s.method + " reads");
   check_ends("window_start", s.window_start, "window_end", s.window_end);
   check_ends("reset_start", s.reset_start, "reset_end", s.reset_end);
 }

@@ -44,12 +44,15 @@ struct StageConfig {
   Index fit_window = 100;          // affine form: frames of the windows of the closed-form fit
   double residual_penalty = 1e-4;  // times the mean square of the residual, scaled
   Index reset_start = 60, reset_end = 200;  // rollout: steps between resets to the truth
-  double force_weight = 1;                  // joint: weight of |f - f*|^2
-  double energy_weight = 0;                 // joint: weight of |sum V Psi - truth|^2
-  double volume_weight = 0.1;               // joint: weight of the volume hinge
-  double volume_epsilon = 0.05;             // joint: its width
-  Index select_every = 0;     // iterations between trials of the weights; 0: at the end only
-  std::string keep = "best";  // of the weights tried: "best", those of step 0 too, or "last"
+  /// rollout: what is read of the record: "all", or "positions", with velocities at resets that are
+  /// differences of them.
+  std::string observed = "all";
+  double force_weight = 1;       // joint: weight of |f - f*|^2
+  double energy_weight = 0;      // joint: weight of |sum V Psi - truth|^2
+  double volume_weight = 0.1;    // joint: weight of the volume hinge
+  double volume_epsilon = 0.05;  // joint: its width
+  Index select_every = 0;        // iterations between trials of the weights; 0: at the end only
+  std::string keep = "best";     // of the weights tried: "best", those of step 0 too, or "last"
 };
 
 /// A training file. Every key is optional; without iterations or epochs a stage is skipped.

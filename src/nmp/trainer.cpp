@@ -229,12 +229,12 @@ class Run {
 
   // Root mean square over the frames of the set-aside trajectories of a rollout's RMSE [m].
   double trial(const Simulation<float>& simulation) const {
-    const auto each_frame = [this] {
+    const auto each_frame = [this](const Frame<float>&) {
       if (options_.stop && options_.stop()) throw Interrupted();
     };
     double sum = 0, n = 0;
     for (const Trajectory* truth : trial_) {
-      for (const double error : compare(simulation, *truth, truth->frames(), each_frame).rmse) {
+      for (const double error : compare<float>(simulation, *truth, truth->frames(), each_frame).rmse) {
         sum += error * error;
         n += 1;
       }

@@ -52,7 +52,8 @@ enum class Learned {
 /// Backpropagation through rollouts that start at the truth and run to the next reset (teacher
 /// forcing, paper Appendix): one segment an iteration, checkpointed step by step. Each term is a
 /// mean over vertices and steps, divided by a fixed variance of the dataset: of f, of the
-/// changes of v and x from frame to frame, and the mean square of the elastic energy.
+/// changes of v and x from frame to frame, and the mean square of the elastic energy. A stage that
+/// observes "positions" alone has no terms of f and v.
 /// @throws ConfigError  for analytic twins or energies that the dataset or the model does not have
 std::unique_ptr<TrainingLoss> make_rollout_loss(const Model<float>& model, const Dataset& dataset,
                                                 const Trajectories& trajectories,

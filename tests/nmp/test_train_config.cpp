@@ -129,6 +129,6 @@ TEST_SUITE("nmp/train_config") {
     CHECK(contains(refusal("[model.integration]\nalignment_widths = [1, 2]\n"), "three widths"));
     CHECK(contains(refusal("[model.stress]\nhidden = [0]\n"), "a.toml:2:11: model.stress.hidden"));
     CHECK(contains(test::message<ConfigError>([] { read_train_config("fats"); }),
-                   "that ships (accurate, fast, friction, paper)"));
+                   "that ships (accurate, fast, friction, nclaw, paper, transfer)"));
   }
 }

@@ -9,6 +9,7 @@
 #include "fem/laws.h"
 #include "nmp/nets.h"
 #include "nmp/recorded.h"
+#include "nmp/rollout.h"
 #include "nmp/training_loss.h"
 #include "nn/schedule.h"
 
@@ -303,6 +304,42 @@ TEST_SUITE("nmp/trainer") {
                   in_two_steps = weights_after(1, 2);
     CHECK_FALSE(same(with, without));
     CHECK_FALSE(same(with, in_two_steps));
+  }
+
+  TEST_CASE("a stage that observes positions reads neither velocities nor forces") {
+    const Dataset& data = tiny_dataset();
+    test::Recording recording;
+    recording.mesh = data.mesh();
+    recording.physics = data.manifest().physics;
+    test::Record record = test::read_record(data.train()[0]);
+    const test::Folder folder;
+    recording.train = recording.validation = {record};
+    const Dataset whole = test::write_dataset(folder / "whole", recording);
+    for (std::size_t t = 0; t < record.x.size(); ++t)
+      record.v[t] = record.f[t] = test::random_matrix(27, 3, t);
+    recording.train = {record};
+    const Dataset wrong = test::write_dataset(folder / "wrong", recording);
+
+    TrainConfig config = tiny_config();
+    Model<float> model = make_model(config, whole);
+    test::shake(model.parameters(), 3, 0.1);
+    model.integration.set_affine(1e-3, {0, 0, -9.8});
+    const auto loss = [&](const Dataset& from, const char* observed, Learned learned) {
+      StageConfig stage = config.joint;
+      stage.observed = observed;
+      stage.reset_start = stage.reset_end = 100;  // the whole of it, from frame 0 or 1
+      ad::Tape<float> tape;
+      const auto made = make_rollout_loss(model, from, {&from.train()[0]}, stage, learned, 1);
+      return (*made)(tape, 0).value()(0, 0);
+    };
+    for (const Learned learned : {Learned::law, Learned::both}) {
+      CHECK(loss(whole, "positions", learned) > 0);
+      CHECK(loss(whole, "positions", learned) == loss(wrong, "positions", learned));
+      CHECK(loss(whole, "all", learned) != loss(wrong, "all", learned));
+      CHECK(loss(whole, "positions", learned) != loss(whole, "all", learned));
+    }
+    CHECK_THROWS_AS(velocity_from_positions<double>(whole.train()[0], 0, 5e-4, 1, true),
+                    std::invalid_argument);
   }
 
   TEST_CASE("windows may draw their vertices from those on the ground") {

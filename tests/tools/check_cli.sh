@@ -8,7 +8,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 # 1. Help and version.
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
-for command in data "data gen" "data info" "data verify" train rollout eval report grad-check bench \
+for command in data "data gen" "data info" "data verify" train rollout eval fit report grad-check bench \
   reproduce "reproduce table1" "reproduce std" model "model info"; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
@@ -91,6 +91,15 @@ expect 0 eval --model m.safetensors --data d --json && is_json && cp stdout eval
 expect 0 eval --model m.safetensors --data d && prints "neural"
 expect 2 eval --model m.safetensors --data d --horizons 25 && says "24"
 expect 2 eval --model m.safetensors --data d --methods nerual && says "neural"
+expect 0 data gen cube -o hit "${tiny[@]}" --set initial.clearance=0.001 --set time.frames=60 \
+  --set dataset.train=2
+expect 0 fit --data hit --params E --guess E=2e5,nu=0.45 --segments 4 --length 20 && prints "Pa"
+expect 0 fit --data hit --params E,density --segments 4 --length 20 --json && is_json &&
+  prints "E/density"
+expect 2 fit --data hit --params mass && says "these are: E, nu"
+expect 2 fit --data hit --guess E=stiff && says "NAME=VALUE"
+expect 2 fit --data d && says "too few for segments"
+expect 3 fit --data d --params E --length 5 && says "do not tell log E" && silent
 expect 0 rollout --model m.safetensors --data d -o r.safetensors --json && is_json
 expect 2 rollout --model m.safetensors --data d -o r.safetensors && says "--force"
 expect 2 rollout --model m.safetensors --data d --trajectory 2 && says "from 0"

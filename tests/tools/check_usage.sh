@@ -35,6 +35,7 @@ declare -A complete=(
   ["train"]="fast --data d -o new"
   ["rollout"]="--model m --data d"
   ["eval"]="--model m --data d"
+  ["fit"]="--data d --length 8"
   ["report"]="--model m --data d --eval eval.json -o new"
   ["grad-check"]=""
   ["bench"]="--only svd"
@@ -114,6 +115,7 @@ for file in missing "$escape" brace cut; do
 done
 for file in missing pipe /dev/zero folder "$escape" m; do
   for command in "data info" "data verify" "eval --model m --data" "rollout --model m --data" \
+    "fit --data" \
     "report --model m -o new --data" "train fast -o new --data"; do
     read -ra words <<<"$command"
     expect 5 "${words[@]}" "$file"
