@@ -7,6 +7,7 @@
 #include "base/parallel.h"
 #include "fem/mesh_cube.h"
 #include "fem/neo_hookean.h"
+#include "fem/projective_dynamics.h"
 #include "fem/semi_implicit_euler.h"
 #include "nmp/bench_case.h"
 #include "nmp/bench_samples.h"
@@ -21,6 +22,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::size_t kLeast = 3;
 constexpr Index kEdges[] = {10, 14, 18, 22, 28, 36, 46, 58, 73, 92, 116};  // vertices, of cubes
 constexpr Index kCube = 10;
+constexpr Index kLargestFactor = 28;  // vertices of an edge; larger ones fill gigabytes
 
 void must_hold(const RolloutEnd& end) {
   if (end.diverged) throw NumericalError("the rollout diverged " + end.reason);
@@ -41,6 +43,38 @@ double steady_step(const Simulation<float>& simulation, const BenchCase& bench) 
   return (end - begin) / (kLast - kWarm);
 }
 
+// A cube that slides over the ground, pressed flat by a hundredth.
+class SlidingCube {
+ public:
+  SlidingCube(Index n, double h) : mesh_(fem::cube_mesh(n, 1)), simulator_(mesh_, physics(), h) {
+    state_.x = mesh_.vertices();
+    state_.x.col(2) *= 0.99;
+    state_.v = Matrix<double>::Zero(mesh_.n_vertices(), 3);
+    state_.v.col(0).setOnes();
+    simulator_.advance(state_, 2);  // the contacts' columns of the inverse are made once
+  }
+  // Seconds of a step.
+  double step() {
+    constexpr Index kSteps = 4;
+    const Stopwatch watch;
+    simulator_.advance(state_, kSteps);
+    return watch.seconds() / kSteps;
+  }
+
+ private:
+  static fem::Physics physics() {
+    fem::Physics physics;
+    physics.material = {"projective", 1e5, 0.45, 1000};
+    physics.ground = -0.495;
+    physics.contact.law = "coulomb";
+    physics.contact.friction = 0.5;
+    return physics;
+  }
+  fem::TetMesh<double> mesh_;
+  fem::ProjectiveDynamics simulator_;
+  fem::State<double> state_;
+};
+
 SizePoint at_size(Index n, double seconds, const std::function<void()>& each_round) {
   BenchCase bench(fem::cube_mesh(n, 1), cube_step(n));
   const fem::NeoHookean<float> law(5e5, 0.45);
@@ -49,13 +83,21 @@ SizePoint at_size(Index n, double seconds, const std::function<void()>& each_rou
   const Simulation<float> analytic{bench.mesh(), law, euler, neural.boundary, neural.h};
   constexpr Index kDifferentiated = 3;
   ad::Tape<float> tape;
-  std::vector<double> neural_steps, analytic_steps;
-  const auto times = take_turns({[&] { neural_steps.push_back(steady_step(neural, bench)); },
-                                 [&] { analytic_steps.push_back(steady_step(analytic, bench)); },
-                                 [&] { bench.gradient(tape, kDifferentiated); }},
-                                seconds, kLeast, each_round);
-  return {bench.mesh().n_vertices(), bench.mesh().n_tets(), summarise(neural_steps).median,
-          summarise(analytic_steps).median, summarise(times[2]).median / kDifferentiated};
+  std::vector<double> neural_steps, analytic_steps, implicit_steps;
+  std::vector<std::function<void()>> pieces{
+      [&] { neural_steps.push_back(steady_step(neural, bench)); },
+      [&] { analytic_steps.push_back(steady_step(analytic, bench)); },
+      [&] { bench.gradient(tape, kDifferentiated); }};
+  std::optional<SlidingCube> sliding;
+  if (n <= kLargestFactor) {
+    sliding.emplace(n, cube_step(n) / 2);
+    pieces.emplace_back([&] { implicit_steps.push_back(sliding->step()); });
+  }
+  const auto times = take_turns(pieces, seconds, kLeast, each_round);
+  SizePoint point{bench.mesh().n_vertices(), bench.mesh().n_tets(), summarise(neural_steps).median,
+                  summarise(analytic_steps).median, summarise(times[2]).median / kDifferentiated};
+  if (sliding) point.implicit = summarise(implicit_steps).median;
+  return point;
 }
 
 LengthPoint at_length(BenchCase& bench, Index n_steps, double seconds,
@@ -75,10 +117,11 @@ using Table = std::vector<std::vector<std::string>>;
 
 Table size_table(const Sweep& sweep) {
   Table rows{{"vertices", "tetrahedra", "neural step [ms]", "analytic step [ms]",
-              "gradient of a step [ms]", "µs per tetrahedron"}};
+              "gradient of a step [ms]", "implicit step [ms]", "µs per tetrahedron"}};
   for (const SizePoint& p : sweep.sizes)
     rows.push_back({text(p.n_vertices), text(p.n_tets), ms(p.neural), ms(p.analytic),
-                    ms(p.gradient), report::plain(1e6 * p.neural / double(p.n_tets))});
+                    ms(p.gradient), p.implicit ? ms(*p.implicit) : "-",
+                    report::plain(1e6 * p.neural / double(p.n_tets))});
   return rows;
 }
 
@@ -163,7 +206,8 @@ std::string to_json(const Sweep& sweep) {
                      {"n_tets", p.n_tets},
                      {"neural_step_seconds", p.neural},
                      {"analytic_step_seconds", p.analytic},
-                     {"gradient_step_seconds", p.gradient}});
+                     {"gradient_step_seconds", p.gradient},
+                     {"implicit_step_seconds", p.implicit ? Json(*p.implicit) : Json()}});
   for (const LengthPoint& p : sweep.lengths)
     lengths.push_back({{"n_steps", p.n_steps},
                        {"rollout_seconds", p.neural},
@@ -191,7 +235,10 @@ std::string sweep_page(const Sweep& sweep) {
       "nmp: cost of a step",
       "<section>\n<h2>Size</h2>\n<p>One step of cubes, " + threads +
           "; medians. The analytic step is the same loop with the neo-Hookean law and "
-          "semi-implicit Euler. The gradient is that of loss and step, checkpointed.</p>\n" +
+          "semi-implicit Euler. The gradient is that of loss and step, checkpointed. The "
+          "implicit step is projective dynamics in double, sliding with friction, up to " +
+          text(kLargestFactor * kLargestFactor * kLargestFactor) +
+          " vertices: its cost grows with the factor of its matrix.</p>\n" +
           to_html(size_table(sweep)) +
           figure("Time of a step", "vertices", "ms", vertices,
                  {{"gradient", 1, size(&SizePoint::gradient, 1e3)},

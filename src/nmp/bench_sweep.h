@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,9 @@ struct SizePoint {
   double neural = 0;    // both modules neural
   double analytic = 0;  // the same loop with neo-Hookean law and semi-implicit Euler, float
   double gradient = 0;  // loss and gradient, checkpointed
+  /// Of projective dynamics, double, sliding with friction; none for cubes whose factor would not
+  /// fit.
+  std::optional<double> implicit = std::nullopt;
 };
 
 /// Cost of a whole rollout on CUBE.

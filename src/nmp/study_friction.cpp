@@ -109,7 +109,7 @@ class Friction {
     context_.begin("nmp", 0.05);
     add("nmp", slide(context_, setting_.simulation(model), data_, n_));
     opponent("simulator", {"E", "nu"}, 60, json);
-    opponent("simulator_drag", {"E", "nu", "drag"}, 240, json);
+    opponent("simulator_drag", {"drag"}, 240, json);
     opponent("oracle", {"E", "nu", "friction"}, 60, json);
     nclaw("nclaw", own_schedule());
     nclaw("nclaw_ours", our_schedule());
@@ -144,8 +144,9 @@ class Friction {
     result.notes = {
         text("The duck slides ", number(path), " m on average; ", stuck, " of ", n_,
              " stick to the ground at the end. No method but the oracle is told of friction: "
-             "simulator has E and nu from positions, simulator_drag a global drag too, oracle "
-             "Coulomb's mu; nclaw and nclaw_ours are a law learned through a numerical integrator "
+             "simulator has E and nu from positions, simulator_drag those of the record and a "
+             "fitted global drag, oracle E, nu and Coulomb's mu; nclaw and nclaw_ours are a law "
+             "learned through a numerical integrator "
              "from positions, on NCLaw's schedule and on ours."),
         text("Sliding distance: mean of |d - d*| / d*, d the horizontal path of the centre of mass "
              "from the first contact on. At rest: its speed below ",
@@ -212,7 +213,7 @@ class Friction {
 
   TrainConfig own_schedule() const {
     TrainConfig config = read_train_config("nclaw");
-    config.constitutive.epochs = context_.pick(1, 6, 60);
+    config.constitutive.epochs = context_.pick(1, 2, 3);
     if (context_.smoke()) config.constitutive.reset_end = 25;
     return config;
   }
@@ -220,7 +221,7 @@ class Friction {
     TrainConfig config = own_schedule();
     config.name = "nclaw-ours";
     config.constitutive.epochs = 0;
-    config.constitutive.iterations = context_.pick(3, 300, 3000);
+    config.constitutive.iterations = context_.pick(3, 300, 1500);
     config.constitutive.lr = 5e-3;
     config.constitutive.reset_start = 4;
     config.constitutive.reset_end = context_.smoke() ? 4 : 60;
@@ -237,8 +238,13 @@ class Friction {
     context_.begin(name + ": fit", 0.08);
     IdentifyOptions options;
     options.params = params;
+    // A law in closed form, and guesses three times wrong; what is not fitted is as recorded.
+    options.law = "neo-hookean";
+    const auto at_rest = fem::young_poisson(fem::lame(data_.manifest().physics.material));
+    const bool elastic = params.front() == "E";
+    options.guess = {{"E", (elastic ? 3 : 1) * at_rest.E}, {"nu", at_rest.nu / (elastic ? 3 : 1)}};
     options.length = std::min(length, context_.frames() / 3);
-    options.segments = context_.pick(2, 6, 16);
+    options.segments = context_.pick(2, 4, 16);
     options.max_iterations = context_.pick(1, 15, 30);
     double done = 0;
     options.progress = [&](const std::string&, double part) {

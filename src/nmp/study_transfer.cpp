@@ -35,9 +35,9 @@ Dataset windy_data(const Context& context) {
 TrainConfig fine_tuning(const Context& context, double volume_weight) {
   TrainConfig config = read_train_config("transfer");
   config.joint.volume_weight = volume_weight;
+  config.joint.iterations = context.pick(3, 300, 600);
   if (context.smoke()) {
     config.select = 1;
-    config.joint.iterations = 3;
     config.joint.reset_start = config.joint.reset_end = 5;
   }
   return config;

@@ -1,5 +1,6 @@
 #include "nmp/trainer.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -234,7 +235,8 @@ class Run {
     };
     double sum = 0, n = 0;
     for (const Trajectory* truth : trial_) {
-      for (const double error : compare<float>(simulation, *truth, truth->frames(), each_frame).rmse) {
+      for (const double error :
+           compare<float>(simulation, *truth, truth->frames(), each_frame).rmse) {
         sum += error * error;
         n += 1;
       }
@@ -305,14 +307,17 @@ class Run {
       ++report.iterations;
       if (options_.progress) options_.progress(event);
       if (report.iterations - first == kTimedSteps) announce_duration(event, seconds_since(begin));
-      log({{"event", "step"},
-           {"stage", event.stage},
-           {"iteration", event.iteration},
-           {"iterations", event.iterations},
-           {"loss", event.loss},
-           {"lr", event.learning_rate},
-           {"grad_norm", event.gradient_norm},
-           {"seconds", event.seconds}});
+      // A thousand lines are enough to draw a stage by.
+      const Index stride = std::max<Index>(1, event.iterations / 1000);
+      if (event.iteration % stride == 0 || event.iteration + 1 == event.iterations)
+        log({{"event", "step"},
+             {"stage", event.stage},
+             {"iteration", event.iteration},
+             {"iterations", event.iterations},
+             {"loss", event.loss},
+             {"lr", event.learning_rate},
+             {"grad_norm", event.gradient_norm},
+             {"seconds", event.seconds}});
       if (options_.save && options_.save_due && options_.save_due()) {
         take();
         save();

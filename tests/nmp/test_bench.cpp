@@ -126,7 +126,7 @@ TEST_SUITE("nmp/bench") {
   TEST_CASE("a sweep becomes tables and a page with logarithmic axes, of one point too") {
     Sweep sweep;
     sweep.threads = 1;
-    sweep.sizes = {{1000, 3645, 2e-3, 1e-4, 8e-3}};
+    sweep.sizes = {{1000, 3645, 2e-3, 1e-4, 8e-3, 5e-3}};
     sweep.lengths = {{1, 4e-3, 9e-3, 3e7}};
     CHECK(sweep_page(sweep).find("nan") == std::string::npos);
     sweep.sizes.push_back({97336, 455625, 0.4, 0.02, 1.7});

@@ -14,12 +14,15 @@ declare -A holds=(
   [collapse]='"largest_force_ratio": ' [efficiency]='"paper_seconds": 2.25'
   [laws]='"angular_momentum_drift": '
   [failure]='"largest_distance": '
+  [friction]='"flight_velocity_change": ' [sysid]='"worst_relative_error": 0.00'
+  [transfer]='"fine-tuned from positions": {' [volume-weight]='"1e+03": {'
 )
-studies=(trajectories unseen resolution volume model-size laws)
+studies=(trajectories unseen resolution volume model-size laws sysid transfer volume-weight)
 if [ -n "${NMP_MESHES-}" ]; then
-  studies+=(interchange collapse efficiency failure)
+  studies+=(interchange collapse efficiency failure friction)
 else
-  skip "interchange, collapse, efficiency, failure: set NMP_MESHES to a folder with bob.msh, spot.msh"
+  skip "interchange, collapse, efficiency, failure, friction: set NMP_MESHES to a folder with" \
+    "bob.msh, bob_fine.msh, spot.msh"
 fi
 smoke=(--scale smoke --models "$models")
 for study in "${studies[@]}"; do
