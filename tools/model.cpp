@@ -44,6 +44,9 @@ std::string to_text(const ModelSummary& s) {
     words += "Seen in training: stretches of " + common::number(s.range.stretch_min) + " to " +
              common::number(s.range.stretch_max) + ", det F of " + common::number(s.range.det_min) +
              " to " + common::number(s.range.det_max) + ".\n";
+  if (s.reach)
+    words += "The integrator's net acts near the ground: it counts exp(-gap / " +
+             common::number(*s.reach) + " m).\n";
   if (!s.density)
     words += "This integrator has no affine part, from which density and gravity could be told.\n";
   return words;

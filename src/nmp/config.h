@@ -109,4 +109,9 @@ std::string toml_string(const std::string& value);
 /// The shortest decimal that reads back as the same double, in any locale.
 std::string decimal(double value);
 
+/// Whether a file has a key that is left out of the text of what does without it: such keys came
+/// later, and the text of older files, by whose hash results are found again, stays as it was.
+inline bool asked(const ConfigReader& config, const char* key) { return config.has(key); }
+inline bool asked(const ConfigWriter&, const char*) { return false; }
+
 }  // namespace nmp

@@ -42,7 +42,8 @@ IntegrationNet<Real>::IntegrationNet(const IntegrationNetConfig& config, std::ui
            {kQuantities * (config.embedding + 3), config.hidden, config.hidden, 3}, true,
            Random(seed).split("integration")),
       alpha_("integration.alpha", Matrix<Real>::Zero(1, 1)),
-      b_("integration.b", Matrix<Real>::Zero(1, 3)) {
+      b_("integration.b", Matrix<Real>::Zero(1, 3)),
+      decay_("integration.decay", Matrix<Real>::Zero(1, 1)) {
   NMP_CHECK(config.form == "affine" || config.form == "density" || config.form == "paper",
             "the integration net's form must be affine, density or paper, got " + config.form);
   NMP_CHECK(std::isfinite(config.speed_limit) && config.speed_limit > 0,
@@ -73,6 +74,12 @@ void IntegrationNet<Real>::set_affine(double alpha, const Vec3<double>& b) {
 template <class Real>
 Vec3<double> IntegrationNet<Real>::b() const {
   return b_.value().transpose().template cast<double>();
+}
+
+template <class Real>
+std::optional<double> IntegrationNet<Real>::reach() const {
+  if (!has_reach()) return std::nullopt;
+  return std::exp(-static_cast<double>(decay_.value()(0, 0)));
 }
 
 template <class Real>
@@ -121,6 +128,11 @@ typename IntegrationNet<Real>::Acceleration IntegrationNet<Real>::acceleration(
   inputs[n_inputs++] = v;
   inputs[n_inputs++] = f;
   a.residual = evaluate(inputs.data(), n_inputs);
+  if (has_reach()) {
+    const Var<Real> decay = ad::exp(tape.parameter(decay_));
+    a.residual =
+        ad::multiply_rows(a.residual, ad::exp(ad::scale(ad::scale_by(height, decay), Real(-1))));
+  }
 
   const Var<Real> net = ad::scale(a.residual, static_cast<Real>(scales_.a));
   a.total = affine() ? ad::add(a.total, net) : net;
@@ -202,6 +214,7 @@ nn::ParameterList<Real> IntegrationNet<Real>::parameters() {
   for (auto& layer : embeddings_)
     for (auto* p : layer.parameters()) list.push_back(p);
   for (auto* p : mlp_.parameters()) list.push_back(p);
+  if (config_.reach == "learned") list.push_back(&decay_);
   return list;
 }
 

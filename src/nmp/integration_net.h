@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,8 @@ struct IntegrationScales {
 ///   net = mlp(silu(embed_k(q_k)) for q = x~, x, v, f, then x~, x, v, f), all scaled;
 ///   a = alpha f / V + b + scale_a net  (form "affine"),  a = scale_a net  ("density", "paper");
 ///   dv = h a, then |v + dv| is limited, as it will be after contact with the ground.
+/// With a learned reach the net counts exp(-gap / l), l in mean edge lengths: what a ground does
+/// ends near it, however little the data weigh what is far.
 /// Output is an acceleration: the step size is free. The last layer of the "affine" form's net
 /// starts at zero.
 template <class Real>
@@ -76,6 +79,8 @@ class IntegrationNet : public fem::Integrator<Real> {
   /// Off: the net's output counts as zero (the table's row "residual_zeroed"). Form "affine" only.
   void set_residual_enabled(bool enabled);
   bool affine() const { return config_.form == "affine"; }
+  /// l of the reach, in mean edge lengths; none if the net acts everywhere.
+  std::optional<double> reach() const;
   /// True if the net sees f_int as it is.
   bool raw_force() const { return config_.form == "paper"; }
 
@@ -94,6 +99,7 @@ class IntegrationNet : public fem::Integrator<Real> {
 
  private:
   Var<Real> gap(Var<Real> z) const;
+  bool has_reach() const { return config_.reach == "learned" && scales_.positions == "gap"; }
 
   IntegrationNetConfig config_;
   IntegrationScales scales_;
@@ -101,6 +107,7 @@ class IntegrationNet : public fem::Integrator<Real> {
   std::vector<nn::Linear<Real>> embeddings_;  // of x~, x, v, f
   nn::Mlp<Real> mlp_;
   ad::Parameter<Real> alpha_, b_;  // 1 x 1, 1 x 3
+  ad::Parameter<Real> decay_;      // log(1 / l), 1 x 1; of a learned reach
   bool residual_enabled_ = true;
   mutable SharedCount n_clamped_;  // one model may move many bodies
 };

@@ -38,6 +38,7 @@ Json describe(const Model<float>& model) {
                          {"scale_f", scales.f},
                          {"scale_a", scales.a},
                          {"positions", scales.positions}};
+  if (integration.reach != "everywhere") json["integration"]["reach"] = integration.reach;
   if (scales.positions == "gap") {
     json["integration"]["ground"] = scales.ground;
     json["integration"]["gap"] = scales.gap;
@@ -82,6 +83,9 @@ Model<Real> build(const Json& json, const std::string& config, Index n_weights) 
   const Json& g = json.at("integration");
   g.at("form").get_to(integration.form);
   g.at("alignment").get_to(integration.alignment);
+  integration.reach = g.value("reach", integration.reach);
+  NMP_CHECK(integration.reach == "everywhere" || integration.reach == "learned",
+            "the reach is everywhere or learned");
   const std::vector<Index> sizes = widths(Json::array({g.at("embedding"), g.at("hidden")}));
   integration.embedding = sizes[0];
   integration.hidden = sizes[1];

@@ -56,6 +56,8 @@ ModelSummary summarise(const Model<double>& model, const Dataset* dataset) {
     summary.density = 1 / model.integration.alpha();
     summary.gravity = model.integration.b();
   }
+  if (const auto reach = model.integration.reach())
+    summary.reach = *reach * model.integration.scales().gap;
   if (!dataset) return summary;
   const Manifest& manifest = dataset->manifest();
   if (manifest.law_known) {
@@ -87,7 +89,8 @@ std::string to_json(const ModelSummary& summary) {
         {"nu", summary.law.nu},
         {"misfit", summary.law.misfit},
         {"density", summary.density ? Json(*summary.density) : Json()},
-        {"gravity", summary.gravity ? vector(*summary.gravity) : Json()}}},
+        {"gravity", summary.gravity ? vector(*summary.gravity) : Json()},
+        {"reach", summary.reach ? Json(*summary.reach) : Json()}}},
       {"seen_in_training",
        {{"stretch", summary.range.known()
                         ? Json{summary.range.stretch_min, summary.range.stretch_max}

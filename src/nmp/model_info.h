@@ -31,6 +31,7 @@ struct ModelSummary {
   StrainRange range;                    // seen in training, if it is known
   std::optional<double> density;        // 1 / alpha [kg/m3], of an affine integrator
   std::optional<Vec3<double>> gravity;  // b [m/s2], likewise
+  std::optional<double> reach;          // of the net above the ground [m], where it is learned
   /// Of a dataset whose law is known, with the E and nu that the law has at rest: not those of its
   /// scene for "projective", unless its volume_weight is 3.
   std::optional<fem::Material> true_material;

@@ -15,10 +15,6 @@ namespace {
 constexpr std::int64_t kMaxVerticesPerEdge = 400;  // 4 #T, the number of corners, stays below 2^31
 constexpr std::int64_t kMaxSeed = std::numeric_limits<std::int64_t>::max();
 
-// Whether a scene's file has a key that is left out of the text of scenes without it.
-bool asked(const ConfigReader& config, const char* key) { return config.has(key); }
-bool asked(const ConfigWriter&, const char*) { return false; }
-
 // Every key of a scene, once, for both directions: Config is ConfigReader or ConfigWriter.
 template <class Config>
 void exchange(Config& config, Scene& s) {

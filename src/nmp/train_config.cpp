@@ -84,6 +84,8 @@ void exchange(Config& config, TrainConfig& c) {
   net.alignment =
       config.choice("model.integration.alignment", net.alignment, {"free", "quaternion"});
   net.height = config.choice("model.integration.height", net.height, {"absolute", "gap"});
+  if (net.reach != "everywhere" || asked(config, "model.integration.reach"))
+    net.reach = config.choice("model.integration.reach", net.reach, {"everywhere", "learned"});
   net.embedding = config.integer("model.integration.embedding", net.embedding, 1, kMaxWidth);
   net.hidden = config.integer("model.integration.hidden", net.hidden, 1, kMaxWidth);
   exchange_widths(config, "model.integration.alignment_widths", net.alignment_widths);
@@ -132,6 +134,9 @@ TrainConfig parse_train_config(const std::string& text, const std::string& origi
     config.fail("model.integration.alignment_widths",
                 "expected three widths: two of the encoder, one of the head");
   }
+  if (result.integration.reach == "learned" && result.integration.height != "gap")
+    config.fail("model.integration.reach",
+                "\"learned\" needs model.integration.height = \"gap\", which it is measured by");
   check_stage(config, "constitutive", result.constitutive);
   check_stage(config, "integration", result.integrate);
   check_stage(config, "joint", result.joint);

@@ -20,8 +20,11 @@ struct IntegrationNetConfig {
   std::string form = "affine";      // a = alpha f/V + b + net; "density": net of f/V; "paper": of f
   std::string alignment = "free";   // T-Net's 3x3: "free" or "quaternion" (a rotation)
   std::string height = "absolute";  // above a ground: as it is, or its "gap" in mean edge lengths
-  Index embedding = 32;             // width of the per-vertex embeddings
-  Index hidden = 64;                // width of the MLP
+  /// How far above a ground the net acts, with height = "gap": "everywhere", or "learned", times
+  /// exp(-gap / l) with a length l that is learned.
+  std::string reach = "everywhere";
+  Index embedding = 32;                              // width of the per-vertex embeddings
+  Index hidden = 64;                                 // width of the MLP
   std::vector<Index> alignment_widths{64, 128, 64};  // shared encoder 3 -> 64 -> 128, head 64 -> 9
   double speed_limit = 30;                           // [m/s]
 };

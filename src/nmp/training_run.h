@@ -23,8 +23,8 @@ struct TrainingRun {
 };
 
 /// The files of a training run, named after the model `out` = NAME.safetensors: NAME.metrics.jsonl
-/// grows line by line, up to about a thousand steps of each stage in it, NAME.checkpoint-0 and -1.safetensors hold the last two checkpoints while the
-/// run is not complete.
+/// grows line by line, up to about a thousand steps of each stage in it, NAME.checkpoint-0 and
+/// -1.safetensors hold the last two checkpoints while the run is not complete.
 Path metrics_path(const Path& out);
 
 /// Trains a model into files. A run that is stopped saves a checkpoint, and in `out` the best

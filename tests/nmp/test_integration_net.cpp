@@ -17,7 +17,7 @@ namespace {
 constexpr Index kVertices = 27;
 constexpr double kH = 5e-4;
 const char* const kForms[] = {"affine", "density", "paper"};
-const char* const kPositions[] = {"centred", "height", "gap", "absolute"};
+const char* const kPositions[] = {"centred", "height", "gap", "gap, reach", "absolute"};
 
 struct Choice {
   std::string form = "affine", positions = "centred", alignment = "free";
@@ -32,9 +32,11 @@ IntegrationNet<Real> make_net(const Choice& choice) {
   config.form = choice.form;
   config.alignment = choice.alignment;
   config.speed_limit = choice.speed_limit;
+  const bool reach = choice.positions == "gap, reach";
+  if (reach) config.reach = "learned";
   IntegrationNet<Real> net(config, 7);
   if (choice.shaken) test::shake(net.parameters(), 9);
-  net.set_scales({0.5, 3, net.raw_force() ? 4e4 : 1e6, 3000, choice.positions});
+  net.set_scales({0.5, 3, net.raw_force() ? 4e4 : 1e6, 3000, reach ? "gap" : choice.positions});
   if (net.affine()) net.set_affine(1e-3, {0.3, -0.2, -9.8});
   return net;
 }
@@ -382,6 +384,35 @@ TEST_SUITE("nmp/integration_net") {
         CHECK_FALSE(same_bits(net.acceleration(batch).total.value(), some.total.value()));
       }
     }
+  }
+
+  TEST_CASE("a learned reach fades the net out above the ground") {
+    IntegrationNet<double> net = make_net<double>({"affine", "gap, reach"});
+    const auto residual = [&](double lift) {
+      Inputs in;
+      in.x.col(2).array() += lift - in.x.col(2).minCoeff();
+      ad::Tape<double> tape(ad::Tape<double>::Mode::inference);
+      return Matrix<double>(accelerate(net, tape, in.x, in.v, in.f).residual.value());
+    };
+    IntegrationNet<double> everywhere = make_net<double>({"affine", "gap"});
+    CHECK_FALSE(everywhere.reach());
+    nn::ParameterList<double> parameters = net.parameters();
+    ad::Parameter<double>& decay = *parameters.back();
+    CHECK(decay.name() == "integration.decay");
+    decay.mutable_value()(0, 0) = 0;
+    CHECK(*net.reach() == 1);
+    const double far = residual(50).norm(), further = residual(60).norm();
+    CHECK(far < 1e-18);
+    CHECK(further < 1e-3 * far);
+    decay.mutable_value()(0, 0) = std::log(2.0);
+    CHECK(*net.reach() == doctest::Approx(0.5));
+    const Matrix<double> near = residual(0);
+    decay.mutable_value()(0, 0) = 0;
+    Inputs in;
+    const Eigen::VectorXd gap = in.x.col(2).array() - in.x.col(2).minCoeff();
+    for (Index i = 0; i < kVertices; ++i)
+      CHECK((residual(0).row(i) * std::exp(-gap(i)) - near.row(i)).norm() <=
+            1e-12 * residual(0).norm());
   }
 
   TEST_CASE("gradients by x, v, f_int and all weights, in every form (GR6)") {

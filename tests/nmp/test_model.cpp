@@ -25,6 +25,7 @@ Model<float> make_model(const std::string& form = "affine", bool bias = true) {
   integration.hidden = 4;
   integration.alignment_widths = {5, 6, 7};
   integration.speed_limit = 12.5;
+  if (form == "affine") integration.reach = "learned";
   Model<float> model(stress, integration, 11);
   test::shake(model.parameters(), 5, 1);
   model.stress.set_scales(1.0 / 3e-6, 0.1);
@@ -126,6 +127,8 @@ TEST_SUITE("nmp/model") {
         CHECK(g.hidden == 4);
         CHECK(g.alignment_widths == std::vector<Index>{5, 6, 7});
         CHECK(g.speed_limit == 12.5);
+        CHECK(g.reach == model.integration.config().reach);
+        CHECK(again.integration.reach() == model.integration.reach());
         const auto& scales = again.integration.scales();
         CHECK(scales.x == 0.1);
         CHECK(scales.v == 1.0 / 7);

@@ -66,7 +66,7 @@ TEST_SUITE("nmp/train_config") {
     config.select = 3;
     config.skip_non_finite = 2;
     config.stress = {{5, 6, 7}, true};
-    config.integration = {"density", "quaternion", "gap", 8, 9, {1, 2, 3}, 1.0 / 3};
+    config.integration = {"density", "quaternion", "gap", "learned", 8, 9, {1, 2, 3}, 1.0 / 3};
     config.constitutive.lr = 1.0 / 7;
     config.constitutive.frames = 11;
     config.constitutive.pool = 12;
@@ -77,6 +77,7 @@ TEST_SUITE("nmp/train_config") {
     config.integrate.contact = 0.75;
     config.joint.volume_epsilon = 0.1;
     config.joint.select_every = 17;
+    config.joint.observed = "positions";
     const TrainConfig read = parse_train_config(to_toml(config), "a.toml");
     CHECK(to_toml(read) == to_toml(config));
     CHECK(read.name == config.name);
@@ -101,6 +102,8 @@ TEST_SUITE("nmp/train_config") {
     CHECK(read.integrate.residual_penalty == 1e-300);
     CHECK(read.integrate.contact == 0.75);
     CHECK(read.integration.height == "gap");
+    CHECK(read.integration.reach == "learned");
+    CHECK(read.joint.observed == "positions");
     CHECK(read.joint.volume_epsilon == 0.1);
     CHECK(read.joint.select_every == 17);
     CHECK(to_toml(parse_train_config("", "empty")) == to_toml(TrainConfig()));
@@ -127,6 +130,10 @@ TEST_SUITE("nmp/train_config") {
     CHECK(contains(refusal("[train.constitutive]\nepochs = 3\n"), "expected iterations"));
     CHECK(contains(refusal("[train.joint]\nepochs = 3\niterations = 3\n"), "found both"));
     CHECK(contains(refusal("[model.integration]\nalignment_widths = [1, 2]\n"), "three widths"));
+    CHECK(contains(refusal("[model.integration]\nreach = \"learned\"\n"),
+                   "a.toml:2:9: model.integration.reach: \"learned\" needs"));
+    CHECK(contains(refusal("[train.constitutive]\nobserved = \"positions\"\n"),
+                   "which method pairs reads"));
     CHECK(contains(refusal("[model.stress]\nhidden = [0]\n"), "a.toml:2:11: model.stress.hidden"));
     CHECK(contains(test::message<ConfigError>([] { read_train_config("fats"); }),
                    "that ships (accurate, fast, friction, nclaw, paper, transfer)"));
