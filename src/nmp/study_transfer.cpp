@@ -144,12 +144,12 @@ Study study_volume_weight(const StudyOptions& options) {
     json["weights"][number(weight)]["paper"] = paper;
     all["weight " + number(weight)] = measured;
   }
-  result.notes = {
-      text("Fine-tuning as in the study transfer, with the hinge on volumes at four weights; the "
-           "last weights are kept. The body is compressible (nu = 0.45), so that the hinge, which "
-           "allows ",
-           number(100 * fine_tuning(context, 0).joint.volume_epsilon),
-           " % of change, pulls away from the truth: the paper's lesson, more is not better.")};
+  result.notes = {text(
+      "Fine-tuning as in the study transfer, with the hinge on volumes at four weights; the "
+      "best weights tried are kept. The body is compressible (nu = 0.45), so that the hinge, which "
+      "allows ",
+      number(100 * fine_tuning(context, 0).joint.volume_epsilon),
+      " % of change, pulls away from the truth: the paper's lesson, more is not better.")};
   result.figures = error_figure(all);
   result.json = json.dump();
   return result;
