@@ -149,7 +149,7 @@ Study study_volume_weight(const StudyOptions& options) {
       "best weights tried are kept. The body is compressible (nu = 0.45), so that the hinge, which "
       "allows ",
       number(100 * fine_tuning(context, 0).joint.volume_epsilon),
-      " % of change, pulls away from the truth: the paper's lesson, more is not better.")};
+      " % of change, is not the truth: in the paper's experiment more of it is worse.")};
   result.figures = error_figure(all);
   result.json = json.dump();
   return result;
