@@ -41,7 +41,7 @@ void energy_density(const Material& material, const ConstView<Real>& F, View<Rea
 }
 
 #define NMP_INSTANTIATE(Real)                                                                   \
-  template std::unique_ptr<IsotropicLaw<Real>> make_law(const Material&);                    \
+  template std::unique_ptr<IsotropicLaw<Real>> make_law(const Material&);                       \
   template void stress<Real>(const Material&, const Lame&, const ConstView<Real>&, View<Real>); \
   template void energy_density<Real>(const Material&, const ConstView<Real>&, View<Real>);
 
