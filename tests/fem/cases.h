@@ -129,6 +129,14 @@ inline Physics free_flight(const std::string& law) {
   return physics;
 }
 
+/// The same scene with Coulomb's friction and moving air.
+inline Physics windy_and_rough(Physics physics) {
+  physics.contact.law = "coulomb";
+  physics.contact.friction = 0.3;
+  physics.air = {0.7, Vec3<double>(3, -1, 0.5)};
+  return physics;
+}
+
 /// A law's stress turns with the body and not with its material, P F^T is symmetric, and its energy
 /// does not see a turn.
 template <class Stress, class Energy>

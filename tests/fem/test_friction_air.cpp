@@ -5,7 +5,6 @@
 #include "cases.h"
 #include "fem/air.h"
 #include "fem/friction.h"
-#include "fem/laws.h"
 #include "fem/projective_dynamics.h"
 #include "fem/semi_implicit_euler.h"
 #include "fem/step.h"
@@ -38,16 +37,6 @@ Boundary<Real> rough_ground(double mu) {
 struct Dust : ConstitutiveLaw<double> {
   Var<double> stress(Var<double> F) const override { return ad::scale(F, 0.0); }
 };
-
-Physics windy_and_rough(const std::string& law) {
-  Physics physics;
-  physics.material = {law, 2e4, 0.3, 1000};
-  physics.ground = -0.51;
-  physics.contact.law = "coulomb";
-  physics.contact.friction = 0.3;
-  physics.air = {0.7, Vec3<double>(3, -1, 0.5)};
-  return physics;
-}
 
 }  // namespace
 
@@ -182,37 +171,6 @@ TEST_SUITE("fem/air") {
     const ad::GradientCheck result = ad::check_gradient(loss, {&in_air.drag, &in_air.wind});
     CHECK(result.relative <= 1e-8);
     CHECK(result.largest > 0);
-  }
-
-  TEST_CASE_TEMPLATE("with wind and friction, step is the plain simulator, bit for bit", Real,
-                     float, double) {
-    const TetMesh<Real> mesh = jittered_cube(3).template cast<Real>();
-    for (const std::string law_name : {"neo-hookean", "projective"}) {
-      const Physics physics = windy_and_rough(law_name);
-      const Real dt = Real(5e-4);
-      Simulator<Real> simulator(mesh, physics, dt);
-      State<Real> plain{shaken(jittered_cube(3), 1).template cast<Real>(),
-                        random_matrix(27, 3, 2).template cast<Real>()};
-      State<Real> taped = plain;
-      const auto law = make_law<Real>(physics.material);
-      const SemiImplicitEuler<Real> euler(physics.material.density, physics.gravity);
-      const InAir<Real> integrator(euler, physics.air);
-      const StepContext<Real> context{mesh, dt, simulator.boundary()};
-      ad::Tape<Real> tape;
-      Index rubbed = 0;
-      for (int k = 0; k < 200; ++k) {
-        simulator.advance(plain, 1);
-        tape.clear();
-        const Step<Real> next =
-            step(*law, integrator, context, tape.input(taped.x), tape.input(taped.v));
-        taped.x = next.x.value();
-        taped.v = next.v.value();
-        REQUIRE(same_bits(taped.x, plain.x));
-        REQUIRE(same_bits(taped.v, plain.v));
-        for (Index i = 0; i < 27; ++i) rubbed += plain.v.row(i).isZero(0);
-      }
-      CHECK(rubbed > 0);  // stuck
-    }
   }
 
   TEST_CASE("implicit steps are dragged too") {

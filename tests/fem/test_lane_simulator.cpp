@@ -10,16 +10,11 @@ namespace {
 
 const char* const kLaws[] = {"neo-hookean", "stvk"};
 
-Physics pinned_above_ground(const std::string& law, bool windy_and_rough = false) {
+Physics pinned_above_ground(const std::string& law) {
   Physics physics;
   physics.material.law = law;
   physics.ground = -0.51;
   physics.pinned = {3, 17};
-  if (windy_and_rough) {
-    physics.contact.law = "coulomb";
-    physics.contact.friction = 0.3;
-    physics.air = {0.7, Vec3<double>(3, -1, 0.5)};
-  }
   return physics;
 }
 
@@ -60,8 +55,9 @@ TEST_SUITE("fem/lane_simulator") {
     const TetMesh<double> mesh = jittered_cube(6);  // 625 tets: two chunks
     for (const std::string law : {"neo-hookean", "stvk", "windy and rough"}) {
       CAPTURE(law);
-      const Physics physics =
-          law == "windy and rough" ? pinned_above_ground("stvk", true) : pinned_above_ground(law);
+      const Physics physics = law == "windy and rough"
+                                  ? windy_and_rough(pinned_above_ground("stvk"))
+                                  : pinned_above_ground(law);
       LaneSimulator lanes(mesh, physics, 2e-4, 11);
       start_all(lanes, mesh);
       lanes.advance(120);

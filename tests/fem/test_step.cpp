@@ -5,6 +5,7 @@
 #include "base/check.h"
 #include "base/parallel.h"
 #include "cases.h"
+#include "fem/air.h"
 #include "fem/guard.h"
 #include "fem/laws.h"
 #include "fem/neo_hookean.h"
@@ -95,9 +96,15 @@ TEST_SUITE("fem/step") {
   TEST_CASE_TEMPLATE("step with analytic modules is the plain simulator, bit for bit (NN7)", Real,
                      float, double) {
     const TetMesh<Real> mesh = jittered_cube(3).template cast<Real>();
-    for (const std::string law_name : kLaws) {
-      CAPTURE(law_name);
-      const Physics physics = pinned_above_ground(law_name);
+    std::vector<Physics> scenes;
+    for (const std::string& law_name : law_names()) {
+      scenes.push_back(pinned_above_ground(law_name));
+      scenes.push_back(windy_and_rough(pinned_above_ground(law_name)));
+    }
+    for (const Physics& physics : scenes) {
+      CAPTURE(physics.material.law);
+      const bool windy = physics.air.drag > 0;
+      CAPTURE(windy);
       const Real dt = Real(5e-4);
       Simulator<Real> simulator(mesh, physics, dt);
       State<Real> plain{shaken(jittered_cube(3), 1).template cast<Real>(),
@@ -105,7 +112,10 @@ TEST_SUITE("fem/step") {
       State<Real> taped = plain;
 
       const auto law = make_law<Real>(physics.material);
-      const SemiImplicitEuler<Real> integrator(physics.material.density, physics.gravity);
+      const SemiImplicitEuler<Real> euler(physics.material.density, physics.gravity);
+      const InAir<Real> in_air(euler, physics.air);
+      const Integrator<Real>& still = euler;
+      const Integrator<Real>& integrator = windy ? in_air : still;
       const StepContext<Real> context{mesh, dt, simulator.boundary()};
       ad::Tape<Real> tape;
       bool touched = false;
