@@ -52,8 +52,8 @@ void add_fit(CLI::App& app) {
       "its parameters follow the gradient of the error through every step. Velocities and forces\n"
       "of the recording are not read. The +- is what the scatter of the segments leaves open and\n"
       "what halving the step would change; it knows nothing of a law that is the wrong one. "
-      "Parameters that are not fitted: the density\n"
-      "is the dataset's, friction and drag are 0 unless --guess says otherwise.",
+      "What is not\n"
+      "fitted is the recording's, friction and drag 0, unless --guess says otherwise.",
       {"nmp fit --params E,nu --data data/cube",
        "nmp fit --params E,nu,friction --data data/friction --guess E=3e5,nu=0.4 --length 200",
        "nmp fit --params drag,wind --data data/windy --json > fit.json"});

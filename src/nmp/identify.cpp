@@ -44,16 +44,27 @@ fem::Physics guessed_physics(const Dataset& dataset, const IdentifyOptions& opti
     const auto found = options.guess.find(name);
     return found == options.guess.end() ? otherwise : found->second;
   };
+  // What is neither fitted nor guessed is the record's, and nobody's invention.
+  const auto fitted = [&](const char* name) { return contains(options.params, name); };
+  const auto held = [&](const char* name, double recorded) {
+    if (!manifest.law_known && options.guess.count(name) == 0)
+      throw ConfigError(
+          text(name, " is neither fitted nor known: give it, --guess ", name, "=..."));
+    return guess(name, recorded);
+  };
+  fem::YoungPoisson at_rest{0, 0};
+  if (manifest.law_known) at_rest = fem::young_poisson(fem::lame(manifest.physics.material));
   material.density = guess("density", manifest.physics.material.density);
-  material.nu = guess("nu", 0.3);
+  material.nu = fitted("nu") ? guess("nu", 0.3) : held("nu", at_rest.nu);
   physics.contact.law = "coulomb";
-  physics.contact.friction = guess("friction", contains(options.params, "friction") ? 0.1 : 0);
-  physics.air.drag =
-      guess("drag", contains(options.params, "drag") || contains(options.params, "wind") ? 0.1 : 0);
-  material.E = 1;
+  physics.contact.friction = guess("friction", fitted("friction") ? 0.1 : 0);
+  physics.air.drag = guess("drag", fitted("drag") ? 0.1 : 0);
+  if (fitted("wind") && physics.air.drag == 0)
+    throw ConfigError("wind acts by a drag: fit drag too, or give it, --guess drag=...");
+  material.E = fitted("E") ? 1 : held("E", at_rest.E);
   try {
     fem::check(physics);
-    material.E = guess("E", stiffness_for(dataset, material, manifest.h / 2));
+    if (fitted("E")) material.E = guess("E", stiffness_for(dataset, material, manifest.h / 2));
     fem::check(physics);
   } catch (const std::invalid_argument& error) {
     throw ConfigError(std::string("the guess: ") + error.what());
@@ -288,8 +299,8 @@ class Fit {
     if (ratio)
       result_.notes.push_back(
           "Positions alone fix E and density by their ratio only: a body ten times as stiff and "
-          "ten "
-          "times as heavy moves the same way. The ratio was fitted; weigh the body for the rest.");
+          "ten times as heavy moves the same way. The ratio was fitted; weigh the body for the "
+          "rest.");
     if (density)
       result_.notes.push_back(
           text("E was held at ", held.E, " Pa; the density is as right as that number is."));

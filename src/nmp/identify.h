@@ -14,8 +14,9 @@ struct IdentifyOptions {
   /// Of "E", "nu", "density", "friction", "drag", "wind".
   std::vector<std::string> params{"E", "nu"};
   /// Where to begin, and what is held: E [Pa], nu, density [kg/m3], friction, drag [1/s].
-  /// By default the density is the dataset's, E so that a step of half a frame is just stable, nu
-  /// 0.3, friction and drag 0 where they are held and small where they are not.
+  /// By default what is held is the record's (E and nu of its law at rest), friction and drag 0; a
+  /// fit begins with an E for which a step of half a frame is just stable, nu 0.3, and a little
+  /// friction and drag.
   std::map<std::string, double> guess;
   std::string law;      // empty: the dataset's, if it is known, else neo-hookean
   Index segments = 16;  // of training trajectories, at random

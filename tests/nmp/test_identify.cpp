@@ -5,6 +5,7 @@
 #include "nmp/data_gen.h"
 #include "nmp/fit_objective.h"
 #include "nmp/folder.h"
+#include "nmp/recorded.h"
 #include "nmp/scene.h"
 
 using namespace nmp;
@@ -129,8 +130,7 @@ TEST_SUITE("nmp/identify") {
     const Dataset data = recorded(folder, "d",
                                   {"contact.law=coulomb", "contact.friction=0.4", "air.drag=0.8",
                                    "air.wind=[2, 1, -1]", "initial.v_min=[-2, -2, -1]"});
-    IdentifyOptions o = options({"friction", "drag", "wind"});
-    o.guess = {{"E", 5e5}, {"nu", 0.45}};
+    const IdentifyOptions o = options({"friction", "drag", "wind"});  // E and nu: the record's
     const Identified found = identify(data, o);
     CHECK(find(found, "friction").value == doctest::Approx(0.4).epsilon(0.02));
     CHECK(find(found, "drag").value == doctest::Approx(0.8).epsilon(0.02));
@@ -174,9 +174,22 @@ TEST_SUITE("nmp/identify") {
     CHECK(message<ConfigError>([&] { identify(data, o); }).find("no guess of 'mass'") !=
           std::string::npos);
     o.guess.clear();
+    o.params = {"wind"};
+    CHECK(message<ConfigError>([&] { identify(data, o); }).find("wind acts by a drag") !=
+          std::string::npos);
+    o.params = {"drag"};
     o.length = 60;
     CHECK(message<ConfigError>([&] { identify(data, o); }).find("has 60 frames, too few") !=
           std::string::npos);
+    // Of a body that nobody knows, what is held must be given.
+    test::Recording unknown;
+    unknown.mesh = data.mesh();
+    unknown.law_known = false;
+    unknown.train = unknown.validation = {test::read_record(data.train()[0])};
+    const Dataset strange = test::write_dataset(folder / "strange", unknown);
+    CHECK(message<ConfigError>([&] {
+            identify(strange, options({"E"}));
+          }).find("nu is neither fitted nor known") != std::string::npos);
     const Dataset falling = recorded(folder, "high", {"initial.clearance=5"});
     CHECK(message<InputError>([&] {
             identify(falling, options({"friction"}));
