@@ -11,13 +11,27 @@ namespace nmp::fem {
 namespace {
 
 template <class Real>
-void put_at_rest(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, View<Real> x) {
-  for (const int v : boundary.pinned) x.row(v) = mesh.rest().row(v);
+void put_in_place(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, View<Real> x) {
+  const bool moved = boundary.pin_x.rows() > 0;
+  Index row = 0;
+  for (const int i : boundary.pinned) {
+    if (moved)
+      x.row(i) = boundary.pin_x.row(row++);
+    else
+      x.row(i) = mesh.rest().row(i);
+  }
 }
 
 template <class Real>
-void stop(const Boundary<Real>& boundary, View<Real> v) {
-  for (const int i : boundary.pinned) v.row(i).setZero();
+void give_velocity(const Boundary<Real>& boundary, View<Real> v) {
+  const bool moved = boundary.pin_v.rows() > 0;
+  Index row = 0;
+  for (const int i : boundary.pinned) {
+    if (moved)
+      v.row(i) = boundary.pin_v.row(row++);
+    else
+      v.row(i).setZero();
+  }
 }
 
 // `result` is `input` but for the pinned rows: input_bar += bar in the others.
@@ -63,11 +77,21 @@ std::shared_ptr<ad::Parameter<Real>> make_friction(double mu) {
 }
 
 template <class Real>
+void move_pins(Boundary<Real>& boundary, const Matrix<Real>& x, const Matrix<Real>& v) {
+  const auto n = static_cast<Index>(boundary.pinned.size());
+  NMP_CHECK(x.rows() == n && x.cols() == 3 && v.rows() == n && v.cols() == 3,
+            text("pins must be moved by ", n, " x 3 positions and velocities, got ", shape(x),
+                 " and ", shape(v)));
+  boundary.pin_x = x;
+  boundary.pin_v = v;
+}
+
+template <class Real>
 Var<Real> pin_positions(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, Var<Real> x) {
   if (boundary.pinned.empty()) return x;
   MatrixMap<Real> result = x.tape().allocate(x.rows(), x.cols());
   result = x.value();
-  put_at_rest<Real>(mesh, boundary, result);
+  put_in_place<Real>(mesh, boundary, result);
   return record_pins("pin_positions", boundary, x, result);
 }
 
@@ -76,20 +100,21 @@ Var<Real> pin_velocities(const Boundary<Real>& boundary, Var<Real> v) {
   if (boundary.pinned.empty()) return v;
   MatrixMap<Real> result = v.tape().allocate(v.rows(), v.cols());
   result = v.value();
-  stop<Real>(boundary, result);
+  give_velocity<Real>(boundary, result);
   return record_pins("pin_velocities", boundary, v, result);
 }
 
 template <class Real>
 void pin(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, View<Real> x, View<Real> v) {
-  put_at_rest<Real>(mesh, boundary, x);
-  stop<Real>(boundary, v);
+  put_in_place<Real>(mesh, boundary, x);
+  give_velocity<Real>(boundary, v);
 }
 
 #define NMP_INSTANTIATE(Real)                                                               \
   template Boundary<Real> make_boundary(const TetMesh<Real>&, std::vector<int>,             \
                                         std::optional<Real>);                               \
   template std::shared_ptr<ad::Parameter<Real>> make_friction(double);                      \
+  template void move_pins(Boundary<Real>&, const Matrix<Real>&, const Matrix<Real>&);       \
   template Var<Real> pin_positions(const TetMesh<Real>&, const Boundary<Real>&, Var<Real>); \
   template Var<Real> pin_velocities(const Boundary<Real>&, Var<Real>);                      \
   template void pin<Real>(const TetMesh<Real>&, const Boundary<Real>&, View<Real>, View<Real>);

@@ -12,6 +12,14 @@ namespace nmp::fem {
 
 using ad::Var;
 
+/// A half-space that vertices are kept in: n . x >= height.
+template <class Real>
+struct Plane {
+  Vec3<Real> normal{0, 0, 1};  // n, of length 1
+  Real height = 0;             // [m]
+  Real friction = 0;           // Coulomb's mu [-]
+};
+
 /// Where a body is held (S_BC of Alg. 1) and what it may touch (C of Alg. 1).
 template <class Real>
 struct Boundary {
@@ -19,6 +27,10 @@ struct Boundary {
   std::optional<Real> ground;  // height z of the ground plane [m]
   /// Coulomb's mu of the ground, 1 x 1 [-], differentiable; none: it is frictionless.
   std::shared_ptr<const ad::Parameter<Real>> friction = nullptr;
+  /// More planes (fem/plane_contact.h). Integration nets and Simulator know only the ground.
+  std::vector<Plane<Real>> planes = {};
+  /// Where a step leaves the pinned vertices, one row each [m], [m/s]; empty: at rest.
+  Matrix<Real> pin_x = {}, pin_v = {};
 };
 
 /// Sorts the pinned vertices and drops repetitions.
@@ -31,8 +43,13 @@ Boundary<Real> make_boundary(const TetMesh<Real>& mesh, std::vector<int> pinned,
 template <class Real>
 std::shared_ptr<ad::Parameter<Real>> make_friction(double mu);
 
-/// S_BC: pinned vertices are put at their rest positions with velocity 0; the others pass bitwise.
-/// Adjoint: 0 at pinned vertices.
+/// Moves pinned vertices.
+/// @param x, v  one row for each of boundary.pinned [m], [m/s]
+template <class Real>
+void move_pins(Boundary<Real>& boundary, const Matrix<Real>& x, const Matrix<Real>& v);
+
+/// S_BC: pinned vertices are put at their rest positions with velocity 0, or where they have been
+/// moved to; the others pass bitwise. Adjoint: 0 at pinned vertices.
 template <class Real>
 Var<Real> pin_positions(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, Var<Real> x);
 template <class Real>

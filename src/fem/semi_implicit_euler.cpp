@@ -8,10 +8,10 @@
 namespace nmp::fem {
 
 template <class Real>
-SemiImplicitEuler<Real>::SemiImplicitEuler(double density, const Vec3<double>& gravity)
-    : density_(density), gravity_(gravity.cast<Real>()) {
-  NMP_CHECK(std::isfinite(density) && density > 0,
-            text("density must be > 0 kg/m3 and finite, got ", density));
+SemiImplicitEuler<Real>::SemiImplicitEuler(double rho, const Vec3<double>& gravity)
+    : density("density", Matrix<Real>::Constant(1, 1, Real(rho))), gravity_(gravity.cast<Real>()) {
+  NMP_CHECK(std::isfinite(rho) && rho > 0, text("density must be > 0 kg/m3 and finite, got ", rho));
+  density.set_frozen(true);
   NMP_CHECK(gravity.allFinite(), text("gravity must be finite, got ", gravity.transpose()));
 }
 
@@ -37,16 +37,28 @@ Var<Real> SemiImplicitEuler<Real>::dv(const StepContext<Real>& context, Var<Real
                                       Var<Real> f_int) const {
   auto& tape = f_int.tape();
   MatrixMap<Real> result = tape.allocate(context.mesh.n_vertices(), 3);
-  semi_implicit_euler<Real>(context.mesh, density_, gravity_, context.h, f_int.value(), result);
-  const auto adjoint = [mesh = context.mesh, h = context.h, density = density_,
+  semi_implicit_euler<Real>(context.mesh, density.value()(0, 0), gravity_, context.h, f_int.value(),
+                            result);
+  const Var<Real> rho = tape.parameter(density);
+  const auto adjoint = [mesh = context.mesh, h = context.h, rho,
                         f_int](const ConstMatrixMap<Real>& dv_bar) {
-    MatrixMap<Real> f_bar = f_int.bar();
+    const Real rho_value = rho.value()(0, 0);
     const Real* V = mesh.vertex_volumes().data();
+    if (f_int.needs_grad()) {
+      MatrixMap<Real> f_bar = f_int.bar();
+      for (int i = 0; i < 3; ++i)
+        for (Index v = 0; v < mesh.n_vertices(); ++v)
+          f_bar(v, i) += h * (dv_bar(v, i) / (rho_value * V[v]));
+    }
+    if (!rho.needs_grad()) return;
+    const auto f = f_int.value();
+    Real sum(0);
     for (int i = 0; i < 3; ++i)
       for (Index v = 0; v < mesh.n_vertices(); ++v)
-        f_bar(v, i) += h * (dv_bar(v, i) / (density * V[v]));
+        sum += dv_bar(v, i) * (h * f(v, i) / (rho_value * V[v]));
+    rho.bar()(0, 0) -= sum / rho_value;
   };
-  return tape.record("semi_implicit_euler", {f_int}, result, adjoint);
+  return tape.record("semi_implicit_euler", {f_int, rho}, result, adjoint);
 }
 
 #define NMP_INSTANTIATE(Real)                                                                  \

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "autodiff/parameter.h"
 #include "fem/integrator.h"
 
 namespace nmp::fem {
@@ -14,8 +15,10 @@ class SemiImplicitEuler : public Integrator<Real> {
   Var<Real> dv(const StepContext<Real>& context, Var<Real> x, Var<Real> v,
                Var<Real> f_int) const override;
 
+  /// rho, 1 x 1, named "density": differentiable, and frozen until asked for.
+  ad::Parameter<Real> density;
+
  private:
-  Real density_;
   Vec3<Real> gravity_;
 };
 

@@ -2,6 +2,7 @@
 
 #include "base/check.h"
 #include "fem/friction.h"
+#include "fem/plane_contact.h"
 
 namespace nmp::fem {
 
@@ -32,7 +33,8 @@ Contact<Real> advance(const StepContext<Real>& context, Var<Real> x, Var<Real> v
         if (v.needs_grad()) v.bar() += bar;
         if (dv.needs_grad()) dv.bar() += bar;
       });
-  const Var<Real> v_moved = rub(context.boundary, h, x, v_free);
+  const Var<Real> v_moved =
+      rub_on_planes(context.boundary, h, x, rub(context.boundary, h, x, v_free));
   MatrixMap<Real> x_new = tape.allocate(x.rows(), x.cols());
   x_new = x.value();
   add_displacement<Real>(h, v_moved.value(), x_new);
@@ -41,8 +43,10 @@ Contact<Real> advance(const StepContext<Real>& context, Var<Real> x, Var<Real> v
                                           if (x.needs_grad()) x.bar() += bar;
                                           if (v_moved.needs_grad()) v_moved.bar() += h * bar;
                                         });
-  return project_ground(context.boundary, pin_positions(context.mesh, context.boundary, x_moved),
-                        pin_velocities(context.boundary, v_moved));
+  return project_planes(
+      context.boundary,
+      project_ground(context.boundary, pin_positions(context.mesh, context.boundary, x_moved),
+                     pin_velocities(context.boundary, v_moved)));
 }
 
 template <class Real>
@@ -50,9 +54,11 @@ void advance(const TetMesh<Real>& mesh, const Boundary<Real>& boundary, Real h,
              const ConstView<Real>& dv, View<Real> x, View<Real> v) {
   add_velocity_increment<Real>(dv, v);
   rub<Real>(boundary, h, x, v);
+  rub_on_planes<Real>(boundary, h, x, v);
   add_displacement<Real>(h, v, x);
   pin<Real>(mesh, boundary, x, v);
   project_ground<Real>(boundary, x, v);
+  project_planes<Real>(boundary, x, v);
 }
 
 template <class Real>

@@ -13,7 +13,7 @@ struct Step {
 
 /// One step of Algorithm 1 over the two seams:
 ///   f_int = law(x), dv = integrator(x, v, f_int), v' = v + dv, x' = x + h v', then S_BC, then C.
-/// On a ground with friction v' is rubbed (fem/friction.h) before x moves by it.
+/// On a ground or plane with friction v' is rubbed (fem/friction.h) before x moves by it.
 /// @param x  #V x 3 [m]   @param v  #V x 3 [m/s]
 /// @throws NumericalError  where the law is not defined
 template <class Real>

@@ -11,6 +11,7 @@
 #include "fem/internal_force.cpp"
 #include "fem/isotropic_parameters.cpp"
 #include "fem/neo_hookean.cpp"
+#include "fem/plane_contact.cpp"
 #include "fem/semi_implicit_euler.cpp"
 #include "fem/step.cpp"
 #include "fem/stvk.cpp"
