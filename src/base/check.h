@@ -62,6 +62,7 @@ std::string shape(const Shaped& m) {
 template <class... Parts>
 std::string text(const Parts&... parts) {
   std::ostringstream out;
+  out.exceptions(std::ios_base::badbit);  // a stream would hide that memory has run out
   out.imbue(std::locale::classic());
   out.precision(9);
   (out << ... << parts);

@@ -5,92 +5,125 @@
 #include <set>
 
 #include "base/json_text.h"
+#include "base/json_values.h"
 #include "base/safetensors.h"
 
 namespace nmp {
 
 namespace {
 
-using Json = nlohmann::ordered_json;
+using Json = nlohmann::json;
 
 constexpr const char* kFormat = "nmp-model";
 constexpr int kVersion = 1;
 
-Json describe(const Model<float>& model) {
-  const StressNetConfig& stress = model.stress.config();
-  const IntegrationNetConfig& integration = model.integration.config();
-  const IntegrationScales& scales = model.integration.scales();
-  const ModelInfo& info = model.info;
-  Json json;
-  json["stress"] = {{"form", stress.form},
-                    {"hidden", stress.hidden},
-                    {"bias", stress.bias},
-                    {"scale", model.stress.scale()},
-                    {"z_scale", model.stress.z_scale()}};
-  json["integration"] = {{"form", integration.form},
-                         {"alignment", integration.alignment},
-                         {"embedding", integration.embedding},
-                         {"hidden", integration.hidden},
-                         {"alignment_widths", integration.alignment_widths},
-                         {"speed_limit", integration.speed_limit},
-                         {"scale_x", scales.x},
-                         {"scale_v", scales.v},
-                         {"scale_f", scales.f},
-                         {"scale_a", scales.a},
-                         {"positions", scales.positions}};
-  if (integration.reach != "everywhere") json["integration"]["reach"] = integration.reach;
-  if (scales.positions == "gap") {
-    json["integration"]["ground"] = scales.ground;
-    json["integration"]["gap"] = scales.gap;
-  }
-  json["info"] = {{"h", info.h},
-                  {"stagger", info.stagger},
-                  {"substeps", info.substeps},
-                  {"stretch", {info.range.stretch_min, info.range.stretch_max}},
-                  {"det_F", {info.range.det_min, info.range.det_max}},
-                  {"affine_alpha", info.affine_alpha},
-                  {"affine_b", {info.affine_b[0], info.affine_b[1], info.affine_b[2]}},
-                  {"scene", info.scene},
-                  {"dataset", info.dataset},
-                  {"state", info.state}};
-  return json;
+// A scalar as JSON, or a list of them.
+template <class T>
+std::string as_json(const T& value) {
+  return Json(value).dump();
+}
+template <class T>
+std::string as_json(const std::vector<T>& list) {
+  std::string items;
+  for (const T& item : list) items += (items.empty() ? "" : ",") + as_json(item);
+  return "[" + items + "]";
 }
 
-// Widths of layers, which the library would also make of 6.5, true or 1e300.
-std::vector<Index> widths(const Json& list) {
-  constexpr std::size_t kMaxLayers = 16;
-  NMP_CHECK(list.is_array() && list.size() <= kMaxLayers,
-            text("expected a list of at most ", kMaxLayers, " widths"));
-  std::vector<Index> all;
-  for (const Json& width : list) {
-    NMP_CHECK(width.is_number_integer(), "a width is an integer");
-    all.push_back(width.get<Index>());
+class JsonObject {
+ public:
+  template <class T>
+  void add(const char* key, const T& value) {
+    add_text(key, as_json(value));
   }
+  void add_text(const char* key, const std::string& json) {
+    fields_ += (fields_.empty() ? "\"" : ",\"") + std::string(key) + "\":" + json;
+  }
+  std::string text() const { return "{" + fields_ + "}"; }
+
+ private:
+  std::string fields_;
+};
+
+std::string describe(const Model<float>& model) {
+  const StressNetConfig& stress_config = model.stress.config();
+  JsonObject stress;
+  stress.add("form", stress_config.form);
+  stress.add("hidden", stress_config.hidden);
+  stress.add("bias", stress_config.bias);
+  stress.add("scale", model.stress.scale());
+  stress.add("z_scale", model.stress.z_scale());
+
+  const IntegrationNetConfig& config = model.integration.config();
+  const IntegrationScales& scales = model.integration.scales();
+  JsonObject integration;
+  integration.add("form", config.form);
+  integration.add("alignment", config.alignment);
+  integration.add("embedding", config.embedding);
+  integration.add("hidden", config.hidden);
+  integration.add("alignment_widths", config.alignment_widths);
+  integration.add("speed_limit", config.speed_limit);
+  integration.add("scale_x", scales.x);
+  integration.add("scale_v", scales.v);
+  integration.add("scale_f", scales.f);
+  integration.add("scale_a", scales.a);
+  integration.add("positions", scales.positions);
+  if (config.reach != "everywhere") integration.add("reach", config.reach);
+  if (scales.positions == "gap") {
+    integration.add("ground", scales.ground);
+    integration.add("gap", scales.gap);
+  }
+
+  const ModelInfo& of_model = model.info;
+  const StrainRange& range = of_model.range;
+  const Vec3<double>& b = of_model.affine_b;
+  JsonObject info;
+  info.add("h", of_model.h);
+  info.add("stagger", of_model.stagger);
+  info.add("substeps", of_model.substeps);
+  info.add("stretch", std::vector<double>{range.stretch_min, range.stretch_max});
+  info.add("det_F", std::vector<double>{range.det_min, range.det_max});
+  info.add("affine_alpha", of_model.affine_alpha);
+  info.add("affine_b", std::vector<double>{b[0], b[1], b[2]});
+  info.add("scene", of_model.scene);
+  info.add("dataset", of_model.dataset);
+  info.add("state", of_model.state);
+
+  JsonObject all;
+  all.add_text("stress", stress.text());
+  all.add_text("integration", integration.text());
+  all.add_text("info", info.text());
+  return all.text();
+}
+
+std::vector<Index> widths(const JsonValues& json, const std::string& place) {
+  constexpr std::size_t kMaxLayers = 16;
+  const std::size_t n = json.size(place);
+  NMP_CHECK(n <= kMaxLayers, text("expected a list of at most ", kMaxLayers, " widths"));
+  std::vector<Index> all;
+  for (std::size_t i = 0; i < n; ++i) all.push_back(json.integer(place + "/" + std::to_string(i)));
   return all;
 }
 
 template <class Real>
-Model<Real> build(const Json& json, const std::string& config, Index n_weights) {
+Model<Real> build(const JsonValues& json, const std::string& config, Index n_weights) {
   StressNetConfig stress;
-  const Json& s = json.at("stress");
-  stress.form = s.value("form", stress.form);
+  if (json.has("/stress/form")) stress.form = json.string("/stress/form");
   NMP_CHECK(stress.form == "stress" || stress.form == "energy",
             "the form of a law is stress or energy");
-  stress.hidden = widths(s.at("hidden"));
-  s.at("bias").get_to(stress.bias);
+  stress.hidden = widths(json, "/stress/hidden");
+  stress.bias = json.boolean("/stress/bias");
 
   IntegrationNetConfig integration;
-  const Json& g = json.at("integration");
-  g.at("form").get_to(integration.form);
-  g.at("alignment").get_to(integration.alignment);
-  integration.reach = g.value("reach", integration.reach);
+  const std::string g = "/integration/";
+  integration.form = json.string(g + "form");
+  integration.alignment = json.string(g + "alignment");
+  if (json.has(g + "reach")) integration.reach = json.string(g + "reach");
   NMP_CHECK(integration.reach == "everywhere" || integration.reach == "learned",
             "the reach is everywhere or learned");
-  const std::vector<Index> sizes = widths(Json::array({g.at("embedding"), g.at("hidden")}));
-  integration.embedding = sizes[0];
-  integration.hidden = sizes[1];
-  integration.alignment_widths = widths(g.at("alignment_widths"));
-  g.at("speed_limit").get_to(integration.speed_limit);
+  integration.embedding = json.integer(g + "embedding");
+  integration.hidden = json.integer(g + "hidden");
+  integration.alignment_widths = widths(json, g + "alignment_widths");
+  integration.speed_limit = json.number(g + "speed_limit");
 
   // Widths come from a file: refuse, before any is allocated, layers that its weights cannot fill.
   const auto check_layers = [&](const std::vector<Index>& widths) {
@@ -105,37 +138,33 @@ Model<Real> build(const Json& json, const std::string& config, Index n_weights) 
   check_layers({integration.embedding, integration.hidden, integration.hidden});
 
   Model<Real> model(stress, integration, 0);
-  model.stress.set_scales(s.at("scale").get<double>(), s.at("z_scale").get<double>());
-  IntegrationScales scales{g.at("scale_x").get<double>(), g.at("scale_v").get<double>(),
-                           g.at("scale_f").get<double>(), g.at("scale_a").get<double>(),
-                           g.at("positions").get<std::string>()};
+  model.stress.set_scales(json.number("/stress/scale"), json.number("/stress/z_scale"));
+  IntegrationScales scales{json.number(g + "scale_x"), json.number(g + "scale_v"),
+                           json.number(g + "scale_f"), json.number(g + "scale_a"),
+                           json.string(g + "positions")};
   if (scales.positions == "gap") {
-    g.at("ground").get_to(scales.ground);
-    g.at("gap").get_to(scales.gap);
+    scales.ground = json.number(g + "ground");
+    scales.gap = json.number(g + "gap");
   }
   model.integration.set_scales(scales);
-  const Json& i = json.at("info");
-  i.at("h").get_to(model.info.h);
-  i.at("stagger").get_to(model.info.stagger);
+  ModelInfo& info = model.info;
+  info.h = json.number("/info/h");
+  info.stagger = json.number("/info/stagger");
   // Older files lack these.
-  if (i.contains("substeps")) {
-    NMP_CHECK(i.at("substeps").is_number_integer(), "substeps is an integer");
-    i.at("substeps").get_to(model.info.substeps);
+  if (json.has("/info/substeps")) info.substeps = json.integer("/info/substeps");
+  NMP_CHECK(info.substeps >= 1 && info.substeps <= 1000,
+            text("substeps must be in 1 ... 1000, got ", info.substeps));
+  if (json.has("/info/stretch")) {
+    info.range.stretch_min = json.number("/info/stretch/0");
+    info.range.stretch_max = json.number("/info/stretch/1");
+    info.range.det_min = json.number("/info/det_F/0");
+    info.range.det_max = json.number("/info/det_F/1");
   }
-  NMP_CHECK(model.info.substeps >= 1 && model.info.substeps <= 1000,
-            text("substeps must be in 1 ... 1000, got ", model.info.substeps));
-  if (i.contains("stretch")) {
-    i.at("stretch").at(0).get_to(model.info.range.stretch_min);
-    i.at("stretch").at(1).get_to(model.info.range.stretch_max);
-    i.at("det_F").at(0).get_to(model.info.range.det_min);
-    i.at("det_F").at(1).get_to(model.info.range.det_max);
-  }
-  i.at("affine_alpha").get_to(model.info.affine_alpha);
-  for (int k = 0; k < 3; ++k)
-    model.info.affine_b[k] = i.at("affine_b").at(static_cast<std::size_t>(k)).get<double>();
-  i.at("scene").get_to(model.info.scene);
-  i.at("dataset").get_to(model.info.dataset);
-  i.at("state").get_to(model.info.state);
+  info.affine_alpha = json.number("/info/affine_alpha");
+  for (int k = 0; k < 3; ++k) info.affine_b[k] = json.number("/info/affine_b/" + std::to_string(k));
+  info.scene = json.string("/info/scene");
+  info.dataset = json.string("/info/dataset");
+  info.state = json.string("/info/state");
   model.info.config = config;
   return model;
 }
@@ -169,7 +198,7 @@ void declare_model(TensorFileWriter& file, Model<float>& model, const Path& path
   const nn::ParameterList<float> parameters = model.parameters();
   const std::string bad = nn::first_non_finite_value(parameters);
   if (!bad.empty()) throw NumericalError(path.string() + ": not saved, " + bad + " is not finite");
-  file.set_metadata("architecture", describe(model).dump());
+  file.set_metadata("architecture", describe(model));
   file.set_metadata("config", model.info.config);
   for (const auto* p : parameters)
     file.declare(p->name(), DType::f32, {p->value().rows(), p->value().cols()});
@@ -231,7 +260,7 @@ Model<Real> read_model(const TensorFile& file, const std::string& others) {
   check_json_text(architecture, file.name() + ": metadata 'architecture'", limits);
   const auto model_of = [&] {
     try {
-      return build<Real>(Json::parse(architecture), file.metadata("config"), n_weights);
+      return build<Real>(JsonValues::parse(architecture), file.metadata("config"), n_weights);
     } catch (const InputError&) {
       throw;
     } catch (const std::bad_alloc&) {
