@@ -1,6 +1,7 @@
 #include "autodiff/checkpoint.h"
 
 #include <algorithm>
+#include <memory>
 
 namespace nmp::ad {
 
@@ -25,6 +26,7 @@ Vars<Real> checkpoint(const Piece<Real>& piece, const Vars<Real>& inputs) {
   const Vars<Real> inside = run_inside(inner, piece, inputs);
   const std::size_t n_results = inside.size();
   Var<Real>* results = tape.template keep<Var<Real>>(static_cast<Index>(n_results));
+  std::uninitialized_fill_n(results, n_results, Var<Real>());
   const std::size_t n_parameters = inner.n_parameters_read();
   auto* versions = tape.template keep<std::uint64_t>(static_cast<Index>(n_parameters));
   for (std::size_t i = 0; i < n_parameters; ++i) versions[i] = inner.parameter_version(i);
@@ -40,7 +42,10 @@ Vars<Real> checkpoint(const Piece<Real>& piece, const Vars<Real>& inputs) {
       [&tape, piece, inputs, results, n_results, versions, n_parameters, remembered,
        n_remembered](const auto&) {
         bool used = false;
-        for (std::size_t i = 0; i < n_results; ++i) used |= results[i].has_bar();
+        for (std::size_t i = 0; i < n_results; ++i) {
+          if (results[i].empty()) return;  // memory ran out before the piece was recorded
+          used |= results[i].has_bar();
+        }
         if (!used) return;
 
         Tape<Real>& again = tape.inner();

@@ -42,6 +42,8 @@ class Var {
   MatrixMap<Real> mutable_value() const;
 
   Tape<Real>& tape() const;
+  /// True for a handle that was never given a value.
+  bool empty() const { return tape_ == nullptr; }
 
  private:
   friend class Tape<Real>;

@@ -1,9 +1,11 @@
 #include "nmp/rollout.h"
 
+#include <optional>
+
 #include "autodiff/ops_basic.h"
-#include "fem/guard.h"
 #include "fem/step.h"
 #include "nmp/metrics.h"
+#include "nmp/motion.h"
 
 namespace nmp {
 
@@ -22,70 +24,23 @@ Var<Real> internal_velocity(const Simulation<Real>& simulation, Var<Real> x, Var
 template <class Real>
 RolloutEnd roll_out(const Simulation<Real>& simulation, const fem::State<Real>& start,
                     Index n_frames, const std::function<void(const Frame<Real>&)>& show) {
-  NMP_CHECK(simulation.substeps >= 1, "a rollout needs at least one step per frame");
-  const fem::TetMesh<Real>& mesh = simulation.mesh;
-  NMP_CHECK(start.x.rows() == mesh.n_vertices() && start.x.cols() == 3 &&
-                start.v.rows() == mesh.n_vertices() && start.v.cols() == 3,
-            text("the start must be ", mesh.n_vertices(), " x 3, got x ", shape(start.x), ", v ",
-                 shape(start.v)));
-  const fem::StepContext<Real> context{mesh, simulation.h, simulation.boundary};
-  ad::Tape<Real> tape(ad::Tape<Real>::Mode::inference);
-  fem::State<Real> state = start;
-  Matrix<Real> v_reported = start.v;
   RolloutEnd end;
-  Index now = 0;  // step that is being made, from 1
-  const auto count_inverted = [&](const Matrix<Real>& x) {
-    const fem::Inverted inverted = fem::count_inverted<Real>(mesh, x);
-    if (inverted.count == 0) return;
-    if (end.n_inverted == 0)
-      end.first_inverted = text(fem::step_and_time(now, static_cast<double>(simulation.h)),
-                                ": element ", inverted.first);
-    end.n_inverted += inverted.count;
-    if (!simulation.strict) return;
-    NumericalError error(text("element ", inverted.first,
-                              " has det F = ", fem::det_F<Real>(mesh, x, inverted.first)));
-    error.element = inverted.first;
-    throw error;
-  };
+  std::optional<Motion<Real>> motion;
   try {
-    fem::check_state<Real>(mesh, start.x, start.v, simulation.h, now);
-    state.v = internal_velocity(simulation, tape.constant(start.x), tape.constant(start.v)).value();
-    for (Index t = 0;; ++t) {
-      for (Index k = 0; k < simulation.substeps; ++k) {
-        now = t * simulation.substeps + k + 1;
-        tape.clear();
-        fem::check_state<Real>(mesh, state.x, state.v, simulation.h, now);
-        if (!simulation.law.refuses_inverted()) count_inverted(state.x);
-        const Var<Real> x = tape.constant(state.x), v = tape.constant(state.v);
-        const fem::Step<Real> step =
-            fem::step(simulation.law, simulation.integrator, context, x, v);
-        const auto check_increment = [&] {
-          fem::check_increment<Real>(mesh, state.x, state.v, step.dv.value(), simulation.h, now);
-        };
-        fem::check_force<Real>(mesh, state.x, state.v, step.f_int.value(), simulation.h, now);
-        if (k == 0) {
-          v_reported = t > 0 ? state.v : start.v;
-          if (t > 0 && simulation.stagger != Real(0)) {
-            check_increment();  // what is reported needs dv
-            v_reported += simulation.stagger * step.dv.value();
-            for (const int v_pinned : simulation.boundary.pinned)
-              v_reported.row(v_pinned).setZero();
-          }
-          show({t, state.x, v_reported, step.f_int.value()});
-          end.frames = t;
-          if (t == n_frames) return end;
-        }
-        check_increment();
-        state.x = step.x.value();
-        state.v = step.v.value();
-      }
+    motion.emplace(simulation, start);
+    for (;; motion->advance()) {
+      const Index t = motion->frame();
+      show({t, motion->x(), motion->v(), motion->f_int()});
+      end.frames = t;
+      if (t == n_frames) break;
     }
   } catch (const NumericalError& error) {
     end.diverged = true;
-    const NumericalError located =
-        error.step >= 0 ? error : fem::at_step<Real>(error, mesh, state.v, simulation.h, now);
-    end.reason = text("after frame ", end.frames, ": ", located.what());
+    end.reason = text("after frame ", end.frames, ": ", error.what());
   }
+  if (!motion) return end;
+  end.n_inverted = motion->n_inverted();
+  end.first_inverted = motion->first_inverted();
   return end;
 }
 
