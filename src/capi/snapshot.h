@@ -1,0 +1,29 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "nmp/motion.h"
+
+namespace nmp::capi {
+
+/// What nmp_sim_save keeps.
+template <class Real>
+struct SavedState {
+  typename Motion<Real>::Snapshot motion;
+  std::vector<Index> pin_order;  // place in what hosts give, of each pin in ascending order
+};
+
+/// As bytes: "NMPSTATE", how many bytes in all, a version, the bytes of a Real, #V and #T, the
+/// numbers as they are, and the XXH3 of all that.
+template <class Real>
+std::string encode(const SavedState<Real>& state, const fem::TetMesh<Real>& mesh);
+
+/// @param boundary  whose ground and friction are taken over
+/// @throws InputError  for bytes that are damaged, or of another mesh, precision or version
+template <class Real>
+SavedState<Real> decode(std::string_view bytes, const fem::TetMesh<Real>& mesh,
+                        const fem::Boundary<Real>& boundary);
+
+}  // namespace nmp::capi

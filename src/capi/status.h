@@ -1,0 +1,44 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+#include "capi/nmp.h"
+
+/// What stands between C and C++: statuses, messages, handles.
+namespace nmp::capi {
+
+/// A callback that failed: NMP_ERROR_CALLBACK.
+struct CallbackError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+/// A call that is not possible now: NMP_ERROR_ORDER.
+struct OrderError : std::logic_error {
+  using std::logic_error::logic_error;
+};
+
+/// The status of the exception that is being handled; keeps its message for nmp_last_error.
+/// Allocates nothing.
+nmp_status keep_error(const char* function) noexcept;
+
+/// Runs f and turns what it throws into a status: the body of every function of the C API.
+template <class F>
+nmp_status guarded(const char* function, F&& f) noexcept {
+  try {
+    f();
+    return NMP_OK;
+  } catch (...) {
+    return keep_error(function);
+  }
+}
+
+/// @throws std::invalid_argument  "x is NULL"
+void need(const void* pointer, const char* name);
+/// @throws std::invalid_argument  "x has n items, expected ..."
+void need_size(std::size_t n, std::size_t wanted, const char* name);
+/// A buffer of exactly `wanted` doubles or ints.
+void need_buffer(const void* pointer, std::size_t n, std::size_t wanted, const char* name);
+/// @throws std::invalid_argument  naming the first entry that is not finite
+void need_finite(const double* values, std::size_t n, const char* name);
+
+}  // namespace nmp::capi
