@@ -106,5 +106,6 @@ void add_grad_check(CLI::App& app);
 void add_bench(CLI::App& app);
 void add_reproduce(CLI::App& app);
 void add_model(CLI::App& app);
+void add_help(CLI::App& app);
 
 }  // namespace nmp

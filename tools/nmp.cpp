@@ -5,21 +5,24 @@
 // Exit codes: 0 done, 2 command line or configuration, 3 a file's content, 4 a simulation, training
 // or check that failed, 5 reading or writing, 6 memory, 1 anything else; 128 + n after signal n.
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <new>
+#include <string>
+#include <string_view>
 
 #include "base/check.h"
 #include "common.h"
+#include "launch.h"
 #include "nmp/config.h"
 
 namespace nmp {
 namespace {
 
 constexpr int kUsage = 2;
+// "nmp 0.1.0", of packages "nmp 0.1.0 x86-64-v4".
+constexpr const char* kVersion =
+    std::string_view(NMP_LEVEL).empty() ? "nmp " NMP_VERSION : "nmp " NMP_VERSION " " NMP_LEVEL;
 
 std::vector<std::string> command_names(const CLI::App& app) {
   std::vector<std::string> names;
@@ -88,7 +91,7 @@ std::string explain(const CLI::App& root, const CLI::ParseError& error, int argc
 
 int run(int argc, char** argv) {
   CLI::App app{"Neural Modular Physics: elastic bodies, learned and analytic", "nmp"};
-  app.set_version_flag("--version", "nmp " NMP_VERSION, "Print the version");
+  app.set_version_flag("--version", kVersion, "Print the version");
   app.set_help_flag("-h,--help", "Print this help");
   app.footer(
       "Examples:\n"
@@ -118,12 +121,13 @@ int run(int argc, char** argv) {
   add_bench(app);
   add_reproduce(app);
   add_model(app);
+  add_help(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {
     common::print(app.help());
   } catch (const CLI::CallForVersion&) {
-    common::print("nmp " NMP_VERSION "\n");
+    common::print(std::string(kVersion) + "\n");
   } catch (const CLI::ParseError& error) {
     common::note(explain(app, error, argc, argv) + " (--help says what there is)");
     return kUsage;
@@ -131,24 +135,15 @@ int run(int argc, char** argv) {
   return 0;
 }
 
-// GNU's OpenMP lets waiting threads spin, for longer than a step takes: beside any other load on
-// the machine a step then waits for whole time slices (measured: 14 times slower on two busy
-// cores). It reads its settings before main, so the program starts itself again with the polite
-// one.
-void wait_politely(char** argv) {
-  if (std::getenv("OMP_WAIT_POLICY") || std::getenv("GOMP_SPINCOUNT")) return;
-  if (setenv("OMP_WAIT_POLICY", "passive", 1) == 0) execv("/proc/self/exe", argv);
-}
-
 }  // namespace
 }  // namespace nmp
 
 int main(int argc, char** argv) {
   namespace common = nmp::common;
-  nmp::wait_politely(argv);
   common::open_standard_streams();
-  common::catch_signals();
   try {
+    nmp::launch(argv);
+    common::catch_signals();
     return nmp::run(argc, argv);
   } catch (const common::Interrupted& stop) {
     common::note(std::string("nmp: ") + stop.what());

@@ -31,10 +31,14 @@ const char* find_page_file(const std::string& name) {
   return find(kPageFiles, kPageFileCount, name);
 }
 
+const char* find_doc(const std::string& name) { return find(kDocs, kDocCount, name); }
+
 std::vector<std::string> shipped_scene_names() { return names(kShippedScenes, kShippedSceneCount); }
 
 std::vector<std::string> shipped_config_names() {
   return names(kShippedConfigs, kShippedConfigCount);
 }
+
+std::vector<std::string> doc_names() { return names(kDocs, kDocCount); }
 
 }  // namespace nmp

@@ -1,0 +1,80 @@
+#include "launch.h"
+
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "base/check.h"
+
+namespace nmp {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Of this build; the one that chooses is the one that runs everywhere.
+constexpr const char* kLevel = NMP_LEVEL;
+constexpr const char* kChooser = "x86-64";
+
+bool runs_here(const std::string& level) {
+#if defined(__x86_64__)
+  __builtin_cpu_init();
+  const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+                  __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+  if (level == "x86-64-v3") return v3;
+  if (level == "x86-64-v4")
+    return v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+           __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
+           __builtin_cpu_supports("avx512vl");
+#endif
+  return level == kChooser;
+}
+
+// The build of `level` in the package that this program belongs to; empty if there is none.
+std::string program_of(const std::string& level) {
+  std::error_code error;
+  const fs::path self = fs::read_symlink("/proc/self/exe", error);
+  if (error) return "";
+  const fs::path program = self.parent_path().parent_path() / "libexec" / "nmp" / ("nmp-" + level);
+  return access(program.c_str(), X_OK) == 0 ? program.string() : "";
+}
+
+// Empty: this one.
+std::string best_program() {
+  if (std::string(kLevel) != kChooser) return "";
+  if (const char* asked = std::getenv("NMP_CPU")) {
+    const std::string level = asked;
+    if (level == kChooser) return "";
+    if (level != "x86-64-v3" && level != "x86-64-v4")
+      throw ConfigError("NMP_CPU is " + in_quotes(level) +
+                        ", expected x86-64, x86-64-v3 or x86-64-v4");
+    if (!runs_here(level))
+      throw ConfigError("NMP_CPU asks for " + level + ", which this processor is not");
+    const std::string program = program_of(level);
+    if (program.empty())
+      throw ConfigError("NMP_CPU asks for " + level + ", which is not installed beside nmp");
+    return program;
+  }
+  for (const char* level : {"x86-64-v4", "x86-64-v3"})
+    if (runs_here(level)) {
+      const std::string program = program_of(level);
+      if (!program.empty()) return program;
+    }
+  return "";
+}
+
+}  // namespace
+
+void launch(char** argv) {
+  std::string program = best_program();
+  // GNU's OpenMP lets waiting threads spin, for longer than a step takes: beside any other load on
+  // the machine a step then waits for whole time slices (measured: 14 times slower on two busy
+  // cores). It reads its settings before main.
+  if (!std::getenv("OMP_WAIT_POLICY") && !std::getenv("GOMP_SPINCOUNT") &&
+      setenv("OMP_WAIT_POLICY", "passive", 1) == 0 && program.empty())
+    program = "/proc/self/exe";
+  if (!program.empty()) execv(program.c_str(), argv);
+}
+
+}  // namespace nmp
