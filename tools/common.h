@@ -102,6 +102,7 @@ void add_rollout(CLI::App& app);
 void add_eval(CLI::App& app);
 void add_fit(CLI::App& app);
 void add_report(CLI::App& app);
+void add_view(CLI::App& app);
 void add_grad_check(CLI::App& app);
 void add_bench(CLI::App& app);
 void add_reproduce(CLI::App& app);

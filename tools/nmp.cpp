@@ -117,6 +117,7 @@ int run(int argc, char** argv) {
   add_eval(app);
   add_fit(app);
   add_report(app);
+  add_view(app);
   add_grad_check(app);
   add_bench(app);
   add_reproduce(app);

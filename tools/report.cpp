@@ -12,6 +12,7 @@
 #include "common.h"
 #include "fem/laws.h"
 #include "nmp/evaluate.h"
+#include "nmp/player_html.h"
 #include "nmp/report.h"
 
 namespace nmp {
@@ -49,27 +50,30 @@ void play_back_here(const Options& o, const Model<float>& model, const Dataset& 
   const std::vector<Trajectory>& all = dataset.validation();
   const auto n = std::min(static_cast<std::size_t>(o.trajectories), all.size());
   if (n == 0) return;
-  const bool player = !o.no_player;
-  const PlayerBody body = player ? player_body(dataset) : PlayerBody();
-  Index stride = 1;
-  if (player) {
-    constexpr double kCurves = 8e4, kScript = 5e4;  // bytes of a trajectory's curves, of the player
-    const double rest =
-        static_cast<double>(make_report(input).size()) + static_cast<double>(n) * kCurves + kScript;
-    stride = player_stride(body.surface, static_cast<Index>(n), dataset.manifest().frames,
-                           1e6 * o.player_megabytes - rest);
+  PlaybackOptions options;
+  if (!o.no_player) {
+    const Manifest& manifest = dataset.manifest();
+    options.law =
+        manifest.law_known ? analytic_stress(manifest.physics.material) : learned_stress(model);
+    input.player.bodies = {player_body(dataset, options.law.name)};
+    options.body = &input.player.bodies.front();
+    constexpr double kCurves = 8e4;  // bytes of a trajectory's curves
+    const double rest = static_cast<double>(make_report(input).size()) +
+                        static_cast<double>(n) * kCurves +
+                        static_cast<double>(report::player_script().size());
+    const std::vector<PlannedMotion> motions(2 * n, {0, manifest.h, manifest.frames});
+    options.stride = player_stride(
+        manifest.h, player_interval(input.player.bodies, motions, 1e6 * o.player_megabytes - rest));
   }
   common::Progress progress("rollout");
-  std::vector<PlayerTrack> tracks;
   for (std::size_t i = 0; i < n; ++i) {
-    input.playbacks.push_back(
-        play_back(model, dataset, all[i], player ? &body : nullptr, stride, [&](double part) {
-          common::stop_if_requested();
-          progress.update((static_cast<double>(i) + part) / static_cast<double>(n), all[i].name());
-        }));
-    tracks.push_back(input.playbacks.back().track);
+    options.progress = [&](double part) {
+      common::stop_if_requested();
+      progress.update((static_cast<double>(i) + part) / static_cast<double>(n), all[i].name());
+    };
+    input.playbacks.push_back(play_back(model, dataset, all[i], options));
+    if (options.body) input.player.tracks.push_back(std::move(input.playbacks.back().track));
   }
-  if (player) input.player = player_document(body, tracks);
 }
 
 // The numbers again, from the two configurations that the report shows.

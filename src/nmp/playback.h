@@ -6,9 +6,11 @@
 
 #include "nmp/dataset.h"
 #include "nmp/model.h"
+#include "nmp/motion_recorder.h"
 #include "nmp/player_data.h"
 #include "nmp/rollout.h"
 #include "nmp/state_measures.h"
+#include "nmp/vertex_measures.h"
 
 namespace nmp {
 
@@ -23,18 +25,18 @@ struct Playback {
   std::vector<StateMeasures> truth, prediction;
   std::vector<double> touching;  // part of the record's vertices on the ground, at every frame
   bool law_known = true;         // else there are no elastic energies
-  PlayerTrack track;             // without frames if no player was asked for
+  PlayerTrack track;             // recorded, predicted; without motions if no player was asked for
+};
+
+struct PlaybackOptions {
+  const PlayerBody* body = nullptr;      // what the player shows; nullptr: nothing
+  StressLaw law;                         // whose stresses it shows
+  Index stride = 1;                      // every so many frames of it
+  std::function<void(double)> progress;  // called with the part that is done
 };
 
 /// Rolls the model (both modules) out from the start of a record and measures both.
-/// @param body      what of it the player shows: nullptr for none
-/// @param stride    every so many frames of it
-/// @param progress  called with the part that is done
 Playback play_back(const Model<float>& model, const Dataset& dataset, const Trajectory& truth,
-                   const PlayerBody* body = nullptr, Index stride = 1,
-                   const std::function<void(double)>& progress = {});
-
-/// Surface, pinned surface vertices and ground of a dataset's body.
-PlayerBody player_body(const Dataset& dataset);
+                   const PlaybackOptions& options = {});
 
 }  // namespace nmp

@@ -13,8 +13,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Bytes of a document besides its frames: names, RMSE, scales, and per frame its number and RMSE.
-constexpr double kOverhead = 4000, kOverheadPerFrame = 24;
+// Bytes of a document besides meshes and frames: scales; names and boxes; a frame's number and
+// RMSE.
+constexpr double kOverhead = 2000, kOverheadPerMotion = 2000, kOverheadPerFrame = 24;
 
 // 1, 2 or 5 times a power of ten, at least `value`; `none` for 0.
 double round_up(double value, double none = 1) {
@@ -59,6 +60,15 @@ Json describe(const ByteScale& scale) {
 
 Json list(const Vec3<double>& v) { return {v[0], v[1], v[2]}; }
 
+Json describe(const PlayerBody& body) {
+  return {{"vertices", body.surface.vertices.size()},
+          {"triangles", base64_of_indices(body.surface.triangles)},
+          {"edges", base64_of_indices(fem::edges_of(body.surface.triangles))},
+          {"pinned", body.pinned},
+          {"ground", body.ground ? Json(*body.ground) : Json()},
+          {"stress", !body.stress_law.empty()}};
+}
+
 // Four digits are enough for a read-out.
 Json rounded(double value) {
   if (!std::isfinite(value)) return nullptr;
@@ -67,21 +77,45 @@ Json rounded(double value) {
   return std::strtod(digits, nullptr);
 }
 
+Json describe(const PlayerMotion& motion, const PlayerBox& box, const PlayerScales& scales) {
+  Json json{{"label", motion.label},
+            {"body", motion.body},
+            {"h", motion.h},
+            {"diverged", motion.diverged},
+            {"low", list(box.low)},
+            {"size", list(box.size)},
+            {"frames", Json::array()},
+            {"rmse", Json::array()},
+            {"data", encode_base64(pack_frames(motion, box, scales))}};
+  for (const PlayerFrame& frame : motion.frames) {
+    json["frames"].push_back(frame.t);
+    json["rmse"].push_back(frame.error.size() > 0 ? rounded(frame.rmse) : Json());
+  }
+  return json;
+}
+
 double encoded_size(double bytes) { return 4 * std::ceil(bytes / 3); }
 
 Index count_frames(Index frames, Index stride) { return (frames + stride - 1) / stride + 1; }
 
-void check(const PlayerTrack& track, Index n_vertices) {
-  NMP_CHECK(!track.frames.empty() && track.rmse.size() == track.frames.size(),
-            text("the track of ", track.name, " needs frames and as many RMSE, got ",
-                 track.frames.size(), " and ", track.rmse.size()));
-  for (const PlayerFrame& frame : track.frames)
-    for (const Matrix<double>* m :
-         {&frame.x_true, &frame.x, &frame.det_true, &frame.det, &frame.speed_true, &frame.speed})
-      NMP_CHECK(
-          m->rows() == n_vertices && m->cols() == (m == &frame.x || m == &frame.x_true ? 3 : 1),
-          text("frame ", frame.t, " of ", track.name, " does not fit ", n_vertices,
-               " vertices: ", shape(*m)));
+void check(const PlayerDocument& document) {
+  for (const PlayerTrack& track : document.tracks) {
+    NMP_CHECK(!track.motions.empty(), "the track " + track.name + " needs a motion");
+    for (const PlayerMotion& motion : track.motions) {
+      NMP_CHECK(motion.body < document.bodies.size() && !motion.frames.empty(),
+                "the motion " + motion.label + " needs a body and frames");
+      const auto n = static_cast<Index>(document.bodies[motion.body].surface.vertices.size());
+      const auto fits = [&](const Matrix<double>& m, Index cols, bool may_lack) {
+        return (m.rows() == n && m.cols() == cols) || (may_lack && m.size() == 0);
+      };
+      for (const PlayerFrame& frame : motion.frames)
+        NMP_CHECK(fits(frame.x, 3, false) && fits(frame.det, 1, false) &&
+                      fits(frame.speed, 1, false) && fits(frame.stress, 1, true) &&
+                      fits(frame.error, 1, true),
+                  text("frame ", frame.t, " of ", motion.label, " does not fit ", n,
+                       " vertices: ", shape(frame.x)));
+    }
+  }
 }
 
 }  // namespace
@@ -108,67 +142,71 @@ std::uint16_t encode_coordinate(double x, double low, double size) {
 
 PlayerScales player_scales(const std::vector<PlayerTrack>& tracks) {
   double error = 0;
-  std::vector<double> det, speed;  // |det F - 1| and |v| of the record
+  std::vector<double> det, stress, speed;  // |det F - 1| and the others of the first motions
+  const auto add = [](std::vector<double>& values, const Matrix<double>& more) {
+    for (Index i = 0; i < more.size(); ++i)
+      if (!std::isnan(more(i))) values.push_back(more(i));
+  };
   for (const PlayerTrack& track : tracks) {
-    for (const PlayerFrame& frame : track.frames) {
-      error =
-          std::max(error, std::sqrt((frame.x - frame.x_true).rowwise().squaredNorm().maxCoeff()));
-      for (Index i = 0; i < frame.det_true.rows(); ++i) {
-        det.push_back(std::abs(frame.det_true(i, 0) - 1));
-        speed.push_back(frame.speed_true(i, 0));
-      }
+    for (const PlayerMotion& motion : track.motions)
+      for (const PlayerFrame& frame : motion.frames)
+        if (frame.error.size() > 0) error = std::max(error, frame.error.maxCoeff());
+    if (track.motions.empty()) continue;
+    for (const PlayerFrame& frame : track.motions.front().frames) {
+      add(det, (frame.det.array() - 1).abs().matrix());
+      add(stress, frame.stress);
+      add(speed, frame.speed);
     }
   }
   PlayerScales scales;
-  const double top = error > 0 ? round_up(error) : 1e-6;
-  scales.error = {1e-4 * top, top, true};
-  const double far = std::max(0.01, round_up(most_of(det), 0));
+  error = round_up(error);
+  scales.error = {1e-4 * error, error, true};
+  const double far = std::min(1.0, round_up(most_of(det), 0.1));
   scales.det = {1 - far, 1 + far, false};
+  scales.stress = {0, round_up(most_of(stress)), false};
   scales.speed = {0, round_up(most_of(speed)), false};
   return scales;
 }
 
-PlayerBox player_box(const PlayerTrack& track) {
+PlayerBox player_box(const PlayerMotion& motion, const PlayerMotion& first) {
   using Row = Eigen::RowVector3d;
   const double far = std::numeric_limits<double>::infinity();
-  Row low = Row::Constant(far), high = -low, predicted_low = low, predicted_high = high;
-  for (const PlayerFrame& frame : track.frames) {
-    low = low.cwiseMin(frame.x_true.colwise().minCoeff());
-    high = high.cwiseMax(frame.x_true.colwise().maxCoeff());
-    predicted_low = predicted_low.cwiseMin(frame.x.colwise().minCoeff());
-    predicted_high = predicted_high.cwiseMax(frame.x.colwise().maxCoeff());
-  }
-  const double room = 1.5 * (high - low).maxCoeff();
-  const Row box_low = predicted_low.cwiseMax((low.array() - room).matrix()).cwiseMin(low);
-  const Row box_high = predicted_high.cwiseMin((high.array() + room).matrix()).cwiseMax(high);
-  return {box_low.transpose(), (box_high - box_low).transpose()};
-}
-
-std::size_t bytes_per_frame(std::size_t n_vertices) {
-  return 16 * n_vertices + (n_vertices + 3) / 4 * 4;
-}
-
-std::vector<std::uint8_t> pack_frames(const PlayerTrack& track, const PlayerBox& box,
-                                      const PlayerScales& scales) {
-  std::vector<std::uint8_t> bytes;
-  if (track.frames.empty()) return bytes;
-  const Index n = track.frames.front().x.rows();
-  check(track, n);
-  bytes.reserve(track.frames.size() * bytes_per_frame(static_cast<std::size_t>(n)));
-  const auto body = [&](const Matrix<double>& x, const Matrix<double>& det,
-                        const Matrix<double>& speed) {
-    for (Index i = 0; i < n; ++i) {
-      for (int c = 0; c < 3; ++c)
-        add_u16(bytes, encode_coordinate(x(i, c), box.low[c], box.size[c]));
-      bytes.push_back(scales.det.encode(det(i, 0)));
-      bytes.push_back(scales.speed.encode(speed(i, 0)));
+  struct Range {
+    Row low, high;
+    void add(const Matrix<double>& x) {
+      low = low.cwiseMin(x.colwise().minCoeff());
+      high = high.cwiseMax(x.colwise().maxCoeff());
     }
   };
-  for (const PlayerFrame& frame : track.frames) {
-    body(frame.x_true, frame.det_true, frame.speed_true);
-    body(frame.x, frame.det, frame.speed);
-    for (Index i = 0; i < n; ++i)
-      bytes.push_back(scales.error.encode((frame.x.row(i) - frame.x_true.row(i)).norm()));
+  Range own{Row::Constant(far), Row::Constant(-far)}, near = own;
+  for (const PlayerFrame& frame : motion.frames) own.add(frame.x);
+  for (const PlayerFrame& frame : first.frames) near.add(frame.x);
+  near.add(motion.frames.front().x);
+  const double room = 1.5 * (near.high - near.low).maxCoeff();
+  const Row low = own.low.cwiseMax((near.low.array() - room).matrix());
+  const Row high = own.high.cwiseMin((near.high.array() + room).matrix());
+  return {low.transpose(), (high - low).transpose()};
+}
+
+std::size_t bytes_per_frame(std::size_t n_vertices) { return (10 * n_vertices + 3) / 4 * 4; }
+
+std::vector<std::uint8_t> pack_frames(const PlayerMotion& motion, const PlayerBox& box,
+                                      const PlayerScales& scales) {
+  std::vector<std::uint8_t> bytes;
+  if (motion.frames.empty()) return bytes;
+  const Index n = motion.frames.front().x.rows();
+  bytes.reserve(motion.frames.size() * bytes_per_frame(static_cast<std::size_t>(n)));
+  for (const PlayerFrame& frame : motion.frames) {
+    for (Index i = 0; i < n; ++i) {
+      for (int c = 0; c < 3; ++c)
+        add_u16(bytes, encode_coordinate(frame.x(i, c), box.low[c], box.size[c]));
+      bytes.push_back(scales.det.encode(frame.det(i, 0)));
+      bytes.push_back(scales.speed.encode(frame.speed(i, 0)));
+    }
+    for (Index i = 0; i < n; ++i) {
+      bytes.push_back(frame.error.size() > 0 ? scales.error.encode(frame.error(i, 0)) : 0);
+      bytes.push_back(frame.stress.size() > 0 ? scales.stress.encode(frame.stress(i, 0)) : 0);
+    }
     bytes.resize((bytes.size() + 3) / 4 * 4);
   }
   return bytes;
@@ -189,63 +227,68 @@ std::string encode_base64(const std::vector<std::uint8_t>& bytes) {
   return digits;
 }
 
-std::string player_document(const PlayerBody& body, const std::vector<PlayerTrack>& tracks) {
-  const auto n = static_cast<Index>(body.surface.vertices.size());
-  for (const PlayerTrack& track : tracks) check(track, n);
-  const PlayerScales scales = player_scales(tracks);
-  Json json{{"vertices", n},
-            {"triangles", base64_of_indices(body.surface.triangles)},
-            {"edges", base64_of_indices(fem::edges_of(body.surface.triangles))},
-            {"pinned", body.pinned},
-            {"ground", body.ground ? Json(*body.ground) : Json()},
+std::string to_json(const PlayerDocument& document) {
+  check(document);
+  const PlayerScales scales = player_scales(document.tracks);
+  Json json{{"version", 2},
+            {"bodies", Json::array()},
             {"scales",
              {{"error", describe(scales.error)},
               {"det", describe(scales.det)},
+              {"stress", describe(scales.stress)},
               {"speed", describe(scales.speed)}}},
             {"tracks", Json::array()}};
-  for (const PlayerTrack& track : tracks) {
-    const PlayerBox box = player_box(track);
-    Json row{{"name", track.name},
-             {"h", track.h},
-             {"stride", track.stride},
-             {"held", track.held ? Json(*track.held) : Json()},
-             {"low", list(box.low)},
-             {"size", list(box.size)},
-             {"frames", Json::array()},
-             {"rmse", Json::array()},
-             {"data", encode_base64(pack_frames(track, box, scales))}};
-    for (std::size_t k = 0; k < track.frames.size(); ++k) {
-      row["frames"].push_back(track.frames[k].t);
-      row["rmse"].push_back(rounded(track.rmse[k]));
-    }
-    json["tracks"].push_back(row);
+  for (const PlayerBody& body : document.bodies) json["bodies"].push_back(describe(body));
+  for (const PlayerTrack& track : document.tracks) {
+    Json row{{"name", track.name}, {"motions", Json::array()}};
+    for (const PlayerMotion& motion : track.motions)
+      row["motions"].push_back(describe(motion, player_box(motion, track.motions.front()), scales));
+    json["tracks"].push_back(std::move(row));
   }
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-Index player_stride(const fem::Surface& surface, Index n_tracks, Index frames, double budget) {
-  const auto per_frame = static_cast<double>(bytes_per_frame(surface.vertices.size()));
-  const auto mesh = 12 * static_cast<double>(surface.triangles.rows());  // 3/2 edges per triangle
-  const auto size = [&](Index stride) {
-    const auto n = static_cast<double>(count_frames(frames, stride));
-    return 2 * encoded_size(mesh) +
-           static_cast<double>(n_tracks) *
-               (encoded_size(n * per_frame) + kOverhead + n * kOverheadPerFrame);
+double player_interval(const std::vector<PlayerBody>& bodies,
+                       const std::vector<PlannedMotion>& motions, double budget) {
+  double h = std::numeric_limits<double>::infinity(), duration = 0;
+  for (const PlannedMotion& motion : motions) {
+    NMP_CHECK(motion.h > 0 && motion.body < bodies.size(), "a motion needs a body and h > 0");
+    h = std::min(h, motion.h);
+    duration = std::max(duration, motion.h * static_cast<double>(motion.frames));
+  }
+  const auto size = [&](Index k) {  // at the interval k h
+    double bytes = kOverhead;
+    for (const PlayerBody& body : bodies)  // 3/2 edges per triangle
+      bytes += 2 * encoded_size(12 * static_cast<double>(body.surface.triangles.rows())) +
+               8 * static_cast<double>(body.pinned.size());
+    for (const PlannedMotion& motion : motions) {
+      const std::size_t n_vertices = bodies[motion.body].surface.vertices.size();
+      const Index stride = player_stride(motion.h, static_cast<double>(k) * h);
+      const auto n = static_cast<double>(count_frames(motion.frames, stride));
+      bytes += encoded_size(n * static_cast<double>(bytes_per_frame(n_vertices))) +
+               kOverheadPerMotion + n * kOverheadPerFrame;
+    }
+    return bytes;
   };
-  if (size(frames) > budget)
-    throw ConfigError(text("the player needs at least ", std::ceil(size(frames) / 1e5) / 10,
-                           " MB for ", n_tracks, n_tracks == 1 ? " trajectory" : " trajectories",
+  Index low = 1;
+  auto high = static_cast<Index>(std::clamp(std::ceil(duration / h), 1.0, 1e15));
+  if (size(high) > budget)
+    throw ConfigError(text("the player needs at least ", std::ceil(size(high) / 1e5) / 10,
+                           " MB for ", motions.size(), motions.size() == 1 ? " motion" : " motions",
                            "; it has ", std::floor(std::max(0.0, budget) / 1e5) / 10,
-                           " MB (see --player-megabytes, --trajectories, --no-player)"));
-  Index low = 1, high = std::max<Index>(1, frames);  // size(high) fits; find the first that does
-  while (low < high) {
+                           " MB: raise --player-megabytes, or show less"));
+  while (low < high) {  // size(high) fits; find the first that does
     const Index middle = (low + high) / 2;
     if (size(middle) <= budget)
       high = middle;
     else
       low = middle + 1;
   }
-  return low;
+  return static_cast<double>(low) * h;
+}
+
+Index player_stride(double h, double interval) {
+  return std::max<Index>(1, static_cast<Index>(std::floor(interval / h * (1 + 1e-9))));
 }
 
 }  // namespace nmp

@@ -136,6 +136,10 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
       }
     }
     result.end.frames = frame.t;
+    if (o.show)
+      o.show({frame.t, Matrix<double>(frame.x.template cast<double>()),
+              Matrix<double>(frame.v.template cast<double>()),
+              Matrix<double>(frame.f_int.template cast<double>())});
     if (o.progress) o.progress(static_cast<double>(frame.t) / static_cast<double>(n_frames));
     if (o.stop && o.stop()) throw Stop();
   };

@@ -16,15 +16,16 @@ struct ReplayOptions {
   Path dataset;
   Path model;  // empty where both modules are analytic
   bool train_split = false;
-  Index trajectory = 0;                  // of the split, from 0
-  Index frames = 0;                      // may be more than were recorded; 0: as many
-  std::string constitutive = "neural";   // or one of fem::law_names()
-  std::string integrator = "neural";     // or "semi-implicit"
-  std::optional<double> E, nu;           // of an analytic law [Pa], [-]; none: the dataset's
-  std::optional<double> dt;              // step of "semi-implicit" [s], divides h; none: h
-  bool strict = false;                   // an element with det F <= 0 ends the rollout
-  Path output;                           // a trajectory file; empty: none is written
-  std::function<void(double)> progress;  // after every frame, the part that is done
+  Index trajectory = 0;                 // of the split, from 0
+  Index frames = 0;                     // may be more than were recorded; 0: as many
+  std::string constitutive = "neural";  // or one of fem::law_names()
+  std::string integrator = "neural";    // or "semi-implicit"
+  std::optional<double> E, nu;          // of an analytic law [Pa], [-]; none: the dataset's
+  std::optional<double> dt;             // step of "semi-implicit" [s], divides h; none: h
+  bool strict = false;                  // an element with det F <= 0 ends the rollout
+  Path output;                          // a trajectory file; empty: none is written
+  std::function<void(const Frame<double>&)> show;  // every frame
+  std::function<void(double)> progress;            // after every frame, the part that is done
   std::function<void(const std::string&)> warn;
   std::function<bool()> stop;  // asked after every frame
 };

@@ -3,6 +3,7 @@
 #include <new>
 
 #include "base/check.h"
+#include "nmp/player_html.h"
 #include "nmp/plot.h"
 #include "nmp/report_html.h"
 #include "nmp/report_sections.h"
@@ -40,7 +41,7 @@ std::string make_report(const ReportInput& input) {
   std::string html;
   const bool several = results.size() > 1;
   for (const Result& result : results) html += headline_section(result, several);
-  html += player_section(input.playbacks, input.player);
+  html += player_section(input.player);
   for (const Result& result : results) html += errors_section(result, several);
   for (const Result& result : results) html += modules_section(result, several);
   html += law_section(input.law);
@@ -50,8 +51,8 @@ std::string make_report(const ReportInput& input) {
           block("Scene", input.scene_toml, false) +
           block("Training configuration", input.config_toml, false) + "</section>\n";
   std::vector<std::string> scripts{page_file("report.js")};
-  if (!input.player.empty()) scripts.push_back(page_file("player.js"));
-  return page(input.title, html, page_file("player.css"), scripts);
+  if (!input.player.tracks.empty()) scripts.push_back(player_script());
+  return page(input.title, html, player_styles(), scripts);
 }
 
 }  // namespace nmp

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "nmp/playback.h"
+#include "nmp/player_data.h"
 #include "nmp/stress_curves.h"
 
 namespace nmp {
@@ -14,7 +15,7 @@ struct ReportInput {
   std::vector<std::string> evaluations;  // documents of `nmp eval --json`
   std::vector<Playback> playbacks;       // of validation trajectories, for det F and energies
   std::vector<StressCurve> law;          // of the model; may be empty
-  std::string player;                    // player_document of their tracks; empty: no player
+  PlayerDocument player;                 // their tracks; none: no player
   std::string metrics;                   // JSON lines of `nmp train`; may be empty
   std::string scene_toml, config_toml;   // settings; may be empty
   std::string commands;                  // how to make it again; may be empty

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "nmp/playback.h"
+#include "nmp/player_data.h"
 #include "nmp/report_parts.h"
 #include "nmp/stress_curves.h"
 
@@ -13,8 +14,7 @@ namespace nmp::report {
 /// What the errors mean, in words and a few numbers.
 std::string headline_section(const Result& result, bool name_model);
 /// Truth and prediction in three dimensions.
-/// @param player  player_document, or empty
-std::string player_section(const std::vector<Playback>& playbacks, const std::string& player);
+std::string player_section(const PlayerDocument& player);
 /// Table of every method, its error over time, each trajectory.
 std::string errors_section(const Result& result, bool name_model);
 /// What each module does by itself along the record.

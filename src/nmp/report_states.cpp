@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "base/check.h"
+#include "nmp/player_html.h"
 #include "nmp/report_html.h"
 #include "nmp/report_sections.h"
 
@@ -129,31 +130,9 @@ std::string states_section(const std::vector<Playback>& playbacks) {
          "how many vertices of the recording are on the ground.</p>\n</section>\n";
 }
 
-std::string player_section(const std::vector<Playback>& playbacks, const std::string& player) {
-  if (player.empty() || playbacks.empty()) return "";
-  Index stride = 1, frames = 0, diverged = 0;
-  double rounding = 0;
-  for (const Playback& playback : playbacks) {
-    stride = playback.track.stride;
-    frames = std::max(frames, static_cast<Index>(playback.truth.size()) - 1);
-    rounding = std::max(rounding, player_box(playback.track).size.maxCoeff() / 65535 / 2);
-    diverged += playback.end.diverged;
-  }
-  return "<section>\n<h2>Recorded and predicted</h2>\n<div class=\"player\" data-player>" +
-         data_script(player) +
-         "<noscript><p>The player needs JavaScript.</p></noscript></div>\n<p class=\"note\">" +
-         (stride == 1
-              ? text("Every one of the ", frames, " frames is stored")
-              : text("Every ", stride,
-                     stride == 2   ? "nd"
-                     : stride == 3 ? "rd"
-                                   : "th",
-                     " of the ", frames, " frames is stored, those between are interpolated")) +
-         ". Positions are rounded by at most " + length(rounding) +
-         "; the colours are computed from the unrounded ones. det F at a vertex is the mean over "
-         "the elements around it, weighted with their volumes." +
-         (diverged > 0 ? " A prediction that diverged stands still from there on." : "") +
-         "</p>\n</section>\n";
+std::string player_section(const PlayerDocument& player) {
+  if (player.tracks.empty()) return "";
+  return "<section>\n<h2>Recorded and predicted</h2>\n" + player_figure(player) + "</section>\n";
 }
 
 }  // namespace nmp::report

@@ -18,7 +18,6 @@ StateMeter::StateMeter(const fem::TetMesh<double>& mesh, const fem::Physics& phy
       F_(mesh.n_tets(), 9),
       det_(mesh.n_tets(), 1),
       Psi_(mesh.n_tets(), 1),
-      vertex_det_(mesh.n_vertices(), 1),
       sorted_(static_cast<std::size_t>(mesh.n_tets())) {
   fem::check(physics);
 }
@@ -27,7 +26,7 @@ StateMeasures StateMeter::measure(const ConstView<double>& x, const ConstView<do
   StateMeasures result;
   const Matrix<double>& V = mesh_.volumes();
 
-  // 1. det F of the elements, and of the vertices from the corners around them.
+  // 1. det F of the elements.
   fem::deformation_gradient<double>(mesh_, x, F_);
   for (Index e = 0; e < mesh_.n_tets(); ++e) det_(e, 0) = load_mat3<double>(F_, e).determinant();
   std::copy(det_.data(), det_.data() + det_.size(), sorted_.begin());
@@ -36,17 +35,6 @@ StateMeasures StateMeter::measure(const ConstView<double>& x, const ConstView<do
   result.det_low = *low;
   result.det_min = det_.minCoeff();
   result.det_mean = V.cwiseProduct(det_).sum() / mesh_.total_volume();
-  for (Index i = 0; i < mesh_.n_vertices(); ++i) {
-    const auto begin = mesh_.corner_begin()[static_cast<std::size_t>(i)];
-    const auto end = mesh_.corner_begin()[static_cast<std::size_t>(i) + 1];
-    double sum = 0, volume = 0;
-    for (auto k = begin; k < end; ++k) {
-      const Index e = mesh_.corners()[static_cast<std::size_t>(k)] / 4;
-      sum += V(e, 0) * det_(e, 0);
-      volume += V(e, 0);
-    }
-    vertex_det_(i, 0) = sum / volume;
-  }
 
   // 2. Energies.
   const double density = physics_.material.density;

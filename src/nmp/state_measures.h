@@ -27,15 +27,11 @@ class StateMeter {
   /// @param x  #V x 3 [m]   @param v  #V x 3 [m/s]
   StateMeasures measure(const ConstView<double>& x, const ConstView<double>& v);
 
-  /// det F of the state measured last, at each vertex the mean of the elements around it weighted
-  /// with V_e: #V x 1 [-]
-  const Matrix<double>& vertex_det() const { return vertex_det_; }
-
  private:
   fem::TetMesh<double> mesh_;
   fem::Physics physics_;
   bool law_known_;
-  Matrix<double> F_, det_, Psi_, vertex_det_;
+  Matrix<double> F_, det_, Psi_;
   std::vector<double> sorted_;
 };
 

@@ -104,7 +104,10 @@ class Browser:
         shutil.rmtree(self.profile, ignore_errors=True)
 
     def open(self, path):
-        self._send("POST", "/url", {"url": "file://" + os.path.realpath(path)})
+        """A file; what stands after a # goes to the page."""
+        path, mark, fragment = path.partition("#")
+        self._send("POST", "/url", {"url": "about:blank"})  # the same file is loaded again
+        self._send("POST", "/url", {"url": "file://" + os.path.realpath(path) + mark + fragment})
 
     def run(self, script, *arguments):
         """The value that `script`, the body of a function, returns."""

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "fem/cases.h"
 #include "nmp/folder.h"
@@ -31,27 +32,28 @@ std::vector<std::uint8_t> decode_base64(const std::string& text) {
   return bytes;
 }
 
-// Three frames of five vertices, the prediction off by up to a millimetre.
-PlayerTrack small_track() {
-  PlayerTrack track;
-  track.name = "val/000.safetensors";
-  track.h = 5e-4;
-  track.stride = 2;
+// Three frames of five vertices, `off` from another motion of the same seeds.
+PlayerMotion small_motion(double off) {
+  PlayerMotion motion;
+  motion.label = "motion";
+  motion.h = 5e-4;
   for (const Index t : {0, 2, 3}) {
     const auto seed = static_cast<std::uint64_t>(t);
+    const Matrix<double> apart = off * fem::random_matrix(5, 3, 10 + seed);
     PlayerFrame frame;
     frame.t = t;
-    frame.x_true = fem::random_matrix(5, 3, seed, -1, 2);
-    frame.x = frame.x_true + 1e-3 * fem::random_matrix(5, 3, 10 + seed);
-    frame.det_true = fem::random_matrix(5, 1, 20 + seed, 0.8, 1.1);
-    frame.det = fem::random_matrix(5, 1, 30 + seed, 0.8, 1.1);
-    frame.speed_true = fem::random_matrix(5, 1, 40 + seed, 0, 3);
-    frame.speed = fem::random_matrix(5, 1, 50 + seed, 0, 3);
-    track.frames.push_back(frame);
-    track.rmse.push_back(1e-4 * static_cast<double>(t));
+    frame.x = fem::random_matrix(5, 3, seed, -1, 2) + apart;
+    frame.det = fem::random_matrix(5, 1, 20 + seed, 0.8, 1.1);
+    frame.stress = fem::random_matrix(5, 1, 30 + seed, 0, 3e4);
+    frame.speed = fem::random_matrix(5, 1, 40 + seed, 0, 3);
+    if (off > 0) frame.error = apart.rowwise().norm();
+    if (off > 0) frame.rmse = 1e-4 * static_cast<double>(t);
+    motion.frames.push_back(frame);
   }
-  return track;
+  return motion;
 }
+
+PlayerTrack small_track() { return {"val/000.safetensors", {small_motion(0), small_motion(1e-3)}}; }
 
 PlayerBody small_body() {
   PlayerBody body;
@@ -101,115 +103,164 @@ TEST_SUITE("nmp/player_data") {
   TEST_CASE("packed frames give back positions and channels within their steps") {
     const PlayerTrack track = small_track();
     const PlayerScales scales = player_scales({track});
-    const PlayerBox box = player_box(track);
-    const auto bytes = pack_frames(track, box, scales);
-    REQUIRE(bytes_per_frame(5) == 88);
-    REQUIRE(bytes.size() == 3 * 88);
-    for (std::size_t k = 0; k < 3; ++k) {
-      const PlayerFrame& frame = track.frames[k];
-      for (const bool predicted : {false, true}) {
-        const Matrix<double>& x = predicted ? frame.x : frame.x_true;
+    REQUIRE(bytes_per_frame(5) == 52);
+    REQUIRE(bytes_per_frame(6) == 60);
+    for (const PlayerMotion& motion : track.motions) {
+      const PlayerBox box = player_box(motion, track.motions[0]);
+      const auto bytes = pack_frames(motion, box, scales);
+      REQUIRE(bytes.size() == 3 * 52);
+      for (std::size_t k = 0; k < 3; ++k) {
+        const PlayerFrame& frame = motion.frames[k];
         for (Index i = 0; i < 5; ++i) {
-          const std::uint8_t* const at =
-              bytes.data() + 88 * k + (predicted ? 40 : 0) + 8 * static_cast<std::size_t>(i);
+          const auto vertex = static_cast<std::size_t>(i);
+          const std::uint8_t* const at = bytes.data() + 52 * k + 8 * vertex;
           for (int c = 0; c < 3; ++c) {
             const double part = (at[2 * c] + 256 * at[2 * c + 1]) / 65535.0;
-            CHECK(std::abs(box.low[c] + box.size[c] * part - x(i, c)) <=
+            CHECK(std::abs(box.low[c] + box.size[c] * part - frame.x(i, c)) <=
                   box.size[c] / 131070 * (1 + 1e-9));
           }
-          const double det = (predicted ? frame.det : frame.det_true)(i, 0);
-          const double speed = (predicted ? frame.speed : frame.speed_true)(i, 0);
-          CHECK(std::abs(scales.det.decode(at[6]) - det) <=
+          CHECK(std::abs(scales.det.decode(at[6]) - frame.det(i)) <=
                 (scales.det.high - scales.det.low) / 510 + 1e-12);
-          CHECK(std::abs(scales.speed.decode(at[7]) - speed) <= scales.speed.high / 510 + 1e-12);
+          CHECK(std::abs(scales.speed.decode(at[7]) - frame.speed(i)) <=
+                scales.speed.high / 510 + 1e-12);
+          const std::uint8_t* const more = bytes.data() + 52 * k + 40 + 2 * vertex;
+          CHECK(std::abs(scales.stress.decode(more[1]) - frame.stress(i)) <=
+                scales.stress.high / 510 * (1 + 1e-9));
+          if (frame.error.size() == 0)
+            CHECK(more[0] == 0);
+          else
+            CHECK(std::abs(std::log(scales.error.decode(more[0]) / frame.error(i))) <=
+                  std::log(1e4) / 510 + 1e-9);
         }
-      }
-      for (Index i = 0; i < 5; ++i) {
-        const double error = (frame.x.row(i) - frame.x_true.row(i)).norm();
-        const double shown = scales.error.decode(bytes[88 * k + 80 + static_cast<std::size_t>(i)]);
-        CHECK(std::abs(std::log(shown / error)) <= std::log(1e4) / 510 + 1e-9);
       }
     }
   }
 
-  TEST_CASE("scales are round numbers that hold the record, boxes hold what stays near") {
+  TEST_CASE("scales are round numbers that hold the first motion, boxes hold what stays near") {
     PlayerTrack track = small_track();
     const PlayerScales scales = player_scales({track});
     CHECK(scales.error.high == doctest::Approx(2e-3));
     CHECK(scales.error.low == doctest::Approx(2e-7));
     CHECK(scales.det.low == doctest::Approx(0.8));
     CHECK(scales.det.high == doctest::Approx(1.2));
+    CHECK(scales.stress.high == doctest::Approx(5e4));
     CHECK(scales.speed.high == doctest::Approx(5));
-    // One vertex that is faster than all others does not dim them.
-    track.frames[0].speed_true(0, 0) = 100;
+    // One vertex that is faster than all others does not dim them; nor does another motion, or an
+    // element without a stress.
+    PlayerMotion &first = track.motions[0], &second = track.motions[1];
+    first.frames[0].speed(0, 0) = 100;
+    first.frames[0].stress(1, 0) = std::nan("");
+    second.frames[1].speed *= 100;
+    second.frames[1].stress *= 100;
     CHECK(player_scales({track}).speed.high == doctest::Approx(5));
-    // A prediction that flies away widens the box by at most 1.5 times the record's extent.
-    const PlayerBox before = player_box(track);
-    track.frames[2].x(3, 0) = 1e6;
-    const PlayerBox after = player_box(track);
+    CHECK(player_scales({track}).stress.high == doctest::Approx(5e4));
+    // A motion that flies away widens its box by at most 1.5 times the first one's extent.
+    const PlayerBox before = player_box(second, first);
+    second.frames[2].x(3, 0) = 1e6;
+    const PlayerBox after = player_box(second, first);
     CHECK(after.size[0] > before.size[0]);
-    CHECK(after.size[0] <= 2.51 * before.size.maxCoeff());
+    CHECK(after.size[0] <= 2.52 * player_box(first, first).size.maxCoeff());
     CHECK(std::abs(after.size[1] - before.size[1]) <= 1e-12);
+    // One that begins elsewhere has room there.
+    for (PlayerFrame& frame : second.frames) frame.x.col(1).array() += 50;
+    CHECK(player_box(second, first).low[1] == doctest::Approx(50 + before.low[1]));
     CHECK(player_scales({}).speed.high == 1);  // nothing moves: still a range
   }
 
-  TEST_CASE("the document holds mesh, scales and tracks, and its frames decode") {
+  TEST_CASE("the document holds bodies, scales and tracks, and its frames decode") {
     PlayerTrack track = small_track();
-    track.held = 2;
-    const Json json = Json::parse(player_document(small_body(), {track, track}));
-    CHECK(json.at("vertices") == 5);
-    const auto triangles = decode_base64(json.at("triangles").get<std::string>());
+    track.motions[1].diverged = true;
+    track.motions[1].body = 1;
+    PlayerBody other = small_body();
+    other.ground.reset();
+    other.stress_law = "neo-hookean";
+    const Json json = Json::parse(to_json({"cube", {small_body(), other}, {track, track}}));
+    CHECK(json.at("version") == 2);
+    REQUIRE(json.at("bodies").size() == 2);
+    const Json& body = json.at("bodies")[0];
+    CHECK(body.at("vertices") == 5);
+    const auto triangles = decode_base64(body.at("triangles").get<std::string>());
     REQUIRE(triangles.size() == 24);
     CHECK(triangles[0] == 0);
     CHECK(triangles[4] == 1);
     CHECK(triangles[20] == 4);
-    CHECK(decode_base64(json.at("edges").get<std::string>()).size() == 6 * 8);
-    CHECK(json.at("pinned") == Json{4});
-    CHECK(json.at("ground") == -1.5);
+    CHECK(decode_base64(body.at("edges").get<std::string>()).size() == 6 * 8);
+    CHECK(body.at("pinned") == Json{4});
+    CHECK(body.at("ground") == -1.5);
+    CHECK(body.at("stress") == false);
+    CHECK(json.at("bodies")[1].at("ground").is_null());
+    CHECK(json.at("bodies")[1].at("stress") == true);
     REQUIRE(json.at("tracks").size() == 2);
-    const Json& first = json.at("tracks")[0];
-    CHECK(first.at("frames") == Json{0, 2, 3});
-    CHECK(first.at("held") == 2);
-    CHECK(decode_base64(first.at("data").get<std::string>()) ==
-          pack_frames(track, player_box(track), player_scales({track})));
+    const Json& motions = json.at("tracks")[0].at("motions");
+    REQUIRE(motions.size() == 2);
+    CHECK(motions[1].at("frames") == Json{0, 2, 3});
+    CHECK(motions[1].at("diverged") == true);
+    CHECK(motions[1].at("body") == 1);
+    CHECK(motions[0].at("rmse") == Json{nullptr, nullptr, nullptr});
+    CHECK(motions[1].at("rmse") == Json{0.0, 2e-4, 3e-4});
+    CHECK(decode_base64(motions[1].at("data").get<std::string>()) ==
+          pack_frames(track.motions[1], player_box(track.motions[1], track.motions[0]),
+                      player_scales({track})));
 
-    track.frames[1].x.resize(4, 3);
-    CHECK_THROWS_AS(player_document(small_body(), {track}), std::invalid_argument);
+    const auto refused = [](const PlayerTrack& bad) {
+      CHECK_THROWS_AS(to_json({"", {small_body()}, {bad}}), std::invalid_argument);
+    };
+    refused(track);  // there is no second body
+    refused({"empty", {}});
     track = small_track();
-    track.rmse.pop_back();
-    CHECK_THROWS_AS(player_document(small_body(), {track}), std::invalid_argument);
+    track.motions[1].frames[1].x.resize(4, 3);
+    refused(track);
+    track = small_track();
+    track.motions[0].frames[1].stress.resize(4, 1);
+    refused(track);
+    track = small_track();
+    track.motions[0].frames.clear();
+    refused(track);
   }
 
-  TEST_CASE("the stride is the smallest whose document fits the budget") {
-    const fem::Surface surface = fem::extract_surface(fem::cube_mesh(6, 1).tets());
-    const auto n = static_cast<Index>(surface.vertices.size());
-    const auto size_at = [&](Index stride) {
-      PlayerTrack track;
-      track.name = "val/000.safetensors";
-      track.stride = stride;
-      for (Index t = 0;; t += stride) {
-        PlayerFrame frame;
-        frame.t = std::min<Index>(t, 100);
-        frame.x = frame.x_true = fem::random_matrix(n, 3, static_cast<std::uint64_t>(t));
-        frame.det = frame.det_true = frame.speed = frame.speed_true = Matrix<double>::Ones(n, 1);
-        track.frames.push_back(frame);
-        track.rmse.push_back(0.123456789);
-        if (t >= 100) break;
+  TEST_CASE("the interval is the smallest whose document fits the budget") {
+    PlayerBody body;
+    body.surface = fem::extract_surface(fem::cube_mesh(6, 1).tets());
+    const auto n = static_cast<Index>(body.surface.vertices.size());
+    // Two motions of the same duration, one with frames twice as close.
+    const std::vector<PlannedMotion> planned{{0, 1e-3, 100}, {0, 5e-4, 200}};
+    const auto size_at = [&](double interval) {
+      PlayerDocument document{"cube", {body}, {{"val/000.safetensors", {}}}};
+      for (const PlannedMotion& plan : planned) {
+        PlayerMotion motion;
+        motion.label = "motion";
+        motion.h = plan.h;
+        const Index stride = player_stride(plan.h, interval);
+        for (Index t = 0;; t += stride) {
+          PlayerFrame frame;
+          frame.t = std::min(t, plan.frames);
+          frame.x = fem::random_matrix(n, 3, static_cast<std::uint64_t>(t));
+          frame.det = frame.speed = frame.error = Matrix<double>::Ones(n, 1);
+          frame.rmse = 0.123456789;
+          motion.frames.push_back(frame);
+          if (t >= plan.frames) break;
+        }
+        document.tracks[0].motions.push_back(motion);
       }
-      PlayerBody body;
-      body.surface = surface;
-      return static_cast<double>(player_document(body, {track, track}).size());
+      return static_cast<double>(to_json(document).size());
     };
     for (const double budget : {1e5, 2e5, 4e5, 1e7}) {
-      const Index stride = player_stride(surface, 2, 100, budget);
+      const double interval = player_interval({body}, planned, budget);
       CAPTURE(budget);
-      CAPTURE(stride);
-      CHECK(size_at(stride) <= budget);
-      if (stride > 2) CHECK(size_at(stride - 1) > 0.8 * budget);  // not much is given away
+      CAPTURE(interval);
+      CHECK(size_at(interval) <= budget);
+      if (interval > 1e-3) CHECK(size_at(interval - 5e-4) > 0.8 * budget);  // little is given away
     }
-    CHECK(player_stride(surface, 2, 100, 1e7) == 1);
-    CHECK(test::contains(test::message<ConfigError>([&] { player_stride(surface, 2, 100, 1000); }),
-                         "--player-megabytes"));
+    std::set<long> multiples;  // of the smallest h: none is passed over
+    for (double budget = 1.5e5; budget < 1e6; budget *= 1.01)
+      multiples.insert(std::lround(player_interval({body}, planned, budget) / 5e-4));
+    for (long k = 1; k <= 6; ++k) CHECK(multiples.count(k) == 1);
+    CHECK(player_interval({body}, planned, 1e7) == 5e-4);
+    CHECK(player_stride(1e-3, 5e-4) == 1);
+    CHECK(player_stride(1e-3, 3e-3) == 3);
+    CHECK(
+        test::contains(test::message<ConfigError>([&] { player_interval({body}, planned, 1000); }),
+                       "--player-megabytes"));
   }
 }
 
@@ -235,7 +286,9 @@ TEST_SUITE("nmp/playback") {
     setting.model.integration.set_affine(1e-3, {0, 0, -9.8});
     const Trajectory& truth = data.validation()[1];
     const PlayerBody body = player_body(data);
-    const Playback playback = play_back(setting.model, data, truth, &body, 25);
+    const Playback playback =
+        play_back(setting.model, data, truth,
+                  {&body, analytic_stress(data.manifest().physics.material), 25, {}});
     CHECK(playback.truth.size() == 61);
     CHECK(playback.prediction.size() == 61);
     CHECK_FALSE(playback.end.diverged);
@@ -270,18 +323,26 @@ TEST_SUITE("nmp/playback") {
     CHECK(playback.rmse == compare<float>(simulation, truth, 60).rmse);
 
     // The player's frames: every 25th and the last; errors of the unrounded positions.
-    REQUIRE(playback.track.frames.size() == 4);
-    CHECK(playback.track.frames[2].t == 50);
-    CHECK(playback.track.frames[3].t == 60);
+    REQUIRE(playback.track.motions.size() == 2);
+    const PlayerMotion &recorded = playback.track.motions[0],
+                       &predicted = playback.track.motions[1];
+    REQUIRE(recorded.frames.size() == 4);
+    REQUIRE(predicted.frames.size() == 4);
+    CHECK(recorded.frames[2].t == 50);
+    CHECK(recorded.frames[3].t == 60);
     CHECK(body.surface.vertices.size() == 26);
-    const PlayerFrame& last = playback.track.frames[3];
+    const PlayerFrame& last = recorded.frames[3];
+    CHECK(last.error.size() == 0);
+    CHECK(last.stress.maxCoeff() > 0);
     for (Index i = 0; i < 26; ++i) {
       const Index v = body.surface.vertices[static_cast<std::size_t>(i)];
-      CHECK(last.x_true.row(i) == record.x[60].row(v));
-      CHECK(std::abs(last.speed_true(i, 0) - record.v[60].row(v).norm()) <= 1e-14);
+      CHECK(last.x.row(i) == record.x[60].row(v));
+      CHECK(std::abs(last.speed(i, 0) - record.v[60].row(v).norm()) <= 1e-14);
+      CHECK(std::abs(predicted.frames[3].error(i, 0) -
+                     (predicted.frames[3].x.row(i) - record.x[60].row(v)).norm()) <= 1e-14);
     }
-    CHECK(playback.track.rmse[3] == playback.rmse[60]);
-    CHECK(play_back(setting.model, data, truth).track.frames.empty());
+    CHECK(predicted.frames[3].rmse == playback.rmse[60]);
+    CHECK(play_back(setting.model, data, truth).track.motions.empty());
   }
 
   TEST_CASE("a prediction that diverges is held, its measures end") {
@@ -290,16 +351,18 @@ TEST_SUITE("nmp/playback") {
     setting.model.stress.set_scales(1e39, 0.1);  // no float: the speed limit stops anything else
     const PlayerBody body = player_body(setting.data);
     const Playback playback =
-        play_back(setting.model, setting.data, setting.data.validation()[0], &body, 1);
+        play_back(setting.model, setting.data, setting.data.validation()[0], {&body, {}, 1, {}});
     REQUIRE(playback.end.diverged);
     CHECK(playback.prediction.size() == static_cast<std::size_t>(playback.end.frames) + 1);
     CHECK(playback.truth.size() == 61);
     CHECK(playback.rmse.size() == 61);
-    REQUIRE(playback.track.held);
-    CHECK(*playback.track.held == playback.end.frames);
-    REQUIRE(playback.track.frames.size() == 61);
-    CHECK(playback.track.frames[60].x == playback.track.frames[59].x);
-    CHECK(playback.track.frames[60].x.allFinite());
-    CHECK_FALSE(player_document(body, {playback.track}).empty());
+    const PlayerMotion &recorded = playback.track.motions[0],
+                       &predicted = playback.track.motions[1];
+    CHECK(recorded.frames.size() == 61);
+    CHECK_FALSE(recorded.diverged);
+    CHECK(predicted.diverged);
+    CHECK(predicted.frames.back().t == playback.end.frames);
+    CHECK(predicted.frames.back().x.allFinite());
+    CHECK_FALSE(to_json({"", {body}, {playback.track}}).empty());
   }
 }

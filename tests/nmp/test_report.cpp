@@ -82,13 +82,18 @@ Playback playback(const std::string& name) {
   p.truth[1].det_min = 0.8765;
   p.truth[1].total = 66;
   p.track.name = name;
-  p.track.rmse = p.rmse;
-  for (Index t = 0; t < 2; ++t) {
-    PlayerFrame frame;
-    frame.t = t;
-    frame.x = frame.x_true = Matrix<double>::Identity(4, 3) * (1 - 0.1 * static_cast<double>(t));
-    frame.det = frame.det_true = frame.speed = frame.speed_true = Matrix<double>::Ones(4, 1);
-    p.track.frames.push_back(frame);
+  for (const char* label : {"recorded", "predicted"}) {
+    PlayerMotion motion;
+    motion.label = label;
+    motion.h = p.h;
+    for (Index t = 0; t < 2; ++t) {
+      PlayerFrame frame;
+      frame.t = t;
+      frame.x = Matrix<double>::Identity(4, 3) * (1 - 0.1 * static_cast<double>(t));
+      frame.det = frame.speed = Matrix<double>::Ones(4, 1);
+      motion.frames.push_back(frame);
+    }
+    p.track.motions.push_back(motion);
   }
   return p;
 }
@@ -172,11 +177,16 @@ TEST_SUITE("nmp/report") {
     CHECK_FALSE(contains(html, "data-player>"));
     CHECK_FALSE(contains(html, "webgl2"));
 
-    input.player = player_document(tet(), {input.playbacks[0].track, input.playbacks[1].track});
+    input.player.bodies = {tet()};
+    input.player.tracks = {input.playbacks[0].track, input.playbacks[1].track};
+    input.player.tracks[1].motions[1].diverged = true;
+    input.player.bodies[0].stress_law = "<i>law";
     html = make_report(input);
     CHECK(count(html, "data-player>") == 1);
     CHECK(contains(html, "getContext('webgl2'"));
     CHECK(contains(html, "Every one of the 1 frames is stored"));
+    CHECK(contains(html, "this law has: &lt;i&gt;law"));
+    CHECK(contains(html, "predicted of &lt;/script&gt;&lt;img&gt; diverged"));
     CHECK_FALSE(contains(html, "</script><img>"));
     for (const char* from_outside : {"src=", "href=", "url(", "@import", "fetch("})
       CHECK_FALSE(contains(html, from_outside));

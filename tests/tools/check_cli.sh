@@ -8,7 +8,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 # 1. Help and version.
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
-for command in data "data gen" "data info" "data verify" train rollout eval fit report grad-check bench \
+for command in data "data gen" "data info" "data verify" train rollout eval fit report view grad-check bench \
   reproduce "reproduce table1" "reproduce std" model "model info"; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
@@ -127,6 +127,32 @@ expect 3 report --model m.safetensors --data d --eval eval.json --metrics text -
   says "line 1"
 [ ! -e bad.html ] || complain "a refused report left a file"
 expect 5 report --model m.safetensors --data d --eval eval.json -o no_such_folder/r.html
+
+# Motions side by side: records, files, methods.
+expect 0 view d -o v.html && prints "RMSE at the end"
+expect 0 view --data d --model m.safetensors r.safetensors --methods neural,both=m.safetensors+neural,stvk \
+  --trajectory 0 -o five.html --json && is_json && prints '"label": "both"' && prints '"diverged": false'
+[ "$(grep -c '"label"' stdout)" -eq 5 ] || complain "view does not show five motions"
+[ "$(grep -c 'data-player>' five.html)" -eq 1 ] || complain "the page of view has no player"
+grep -qE '(src|href)=|url\(' five.html && complain "the page of view needs a network"
+expect 2 view d -o v.html && says "--force"
+expect 0 view d a=d:train/000 d:val/001 -o v.html --force --frames 10 && prints "d val/001"
+expect 0 view --data d --trajectory 0,1 --stress none --player-megabytes 0.3 -o v.html --force &&
+  prints "val/001"
+[ "$(stat -c %s v.html)" -le 300000 ] || complain "--player-megabytes is not kept"
+expect 2 view --data d --trajectory 0,1,0,1,0,1 --methods stvk,neo-hookean --player-megabytes 0.1 \
+  -o bad.html && says "--player-megabytes"
+expect 2 view -o bad.html && says "nothing to show"
+expect 2 view r.safetensors -o bad.html && says "--data"
+expect 2 view --data d --methods nerual --model m.safetensors -o bad.html && says "neo-hookean"
+expect 2 view d:val/007 -o bad.html && says "no record"
+expect 2 view d --stress neural -o bad.html && says "--model"
+expect 2 view d --trajectory 0,x -o bad.html
+expect 3 view --data d text -o bad.html && says "text"
+expect 3 view --data d m.safetensors -o bad.html && says "m.safetensors"
+expect 5 view no_such_folder -o bad.html && says "no such file or folder"
+expect 5 view d -o no_such_folder/v.html
+[ ! -e bad.html ] || complain "a refused view left a file"
 expect 0 grad-check --json && is_json && prints '"group": "rollout"'
 
 # What the weights say.
@@ -184,6 +210,7 @@ expect 3 train fast --data damaged -o n.safetensors "${quick[@]}" && says "check
 expect 3 eval --model m.safetensors --data damaged && says "val/000.safetensors: expected"
 expect 3 rollout --model m.safetensors --data damaged -o n.safetensors && says "checksum"
 expect 0 rollout --model m.safetensors --data damaged -o n.safetensors --trajectory 1
+expect 3 view damaged -o n.html && says "checksum"
 expect 3 report --model m.safetensors --data damaged --eval eval.json -o n.html && says "checksum"
 [ ! -e n.html ] || complain "a refused report left a file"
 

@@ -24,7 +24,8 @@ cp stdout eval.json
 analytic=(--data d --constitutive stvk --integrator semi-implicit)
 expect 0 rollout "${analytic[@]}" -o r
 expect 0 report --model m --data d --eval eval.json -o p.html
-cp m m.kept && cp r r.kept && cp p.html p.kept && cp d/manifest.json manifest.kept
+expect 0 view d -o v.html
+cp m m.kept && cp r r.kept && cp p.html p.kept && cp v.html v.kept && cp d/manifest.json manifest.kept
 cp m.metrics.jsonl metrics.kept
 
 # 1. Every command, with arguments that make sense for it but for one.
@@ -37,6 +38,7 @@ declare -A complete=(
   ["eval"]="--model m --data d"
   ["fit"]="--data d --length 8"
   ["report"]="--model m --data d --eval eval.json -o new"
+  ["view"]="--data d -o new"
   ["grad-check"]=""
   ["bench"]="--only svd"
   ["reproduce table1"]="--scenes cube --scale smoke"
@@ -52,9 +54,11 @@ for command in "${!complete[@]}"; do
   read -ra rest <<<"${complete[$command]}"
   expect 2 "${name[@]}" "${rest[@]}" --no-such-option
   expect 2 "${name[@]}" "${rest[@]}" --"$huge"
-  expect 2 "${name[@]}" "${rest[@]}" "$escape"
+  stray=2
+  [ "$command" != view ] || stray=5  # any word may be a file that is to be shown
+  expect $stray "${name[@]}" "${rest[@]}" "$escape"
   expect 2 "${name[@]}" "${rest[@]}" --json=maybe
-  expect 2 "${name[@]}" "${rest[@]}" extra words "$huge"
+  expect $stray "${name[@]}" "${rest[@]}" extra words "$huge"
   for option in --threads --seed --horizons --frames --trajectory --trajectories --max-minutes \
     --seconds --repetitions --vertices; do
     for value in "${values[@]}"; do
@@ -104,6 +108,8 @@ input 3 "rollout --data d --model" ""
 input 3 "grad-check --model" ""
 input 3 "report --data d --eval eval.json -o new --model" ""
 input 3 "report --data d --model m -o new --eval" ""
+input 3 "view --data d -o new --model" ""
+input 3 "view --data d -o new" ""
 input 3 "train fast --data d -o new --model" ""
 for file in folder pipe /dev/zero; do
   expect 5 train "$file" --data d -o new
@@ -116,7 +122,7 @@ done
 for file in missing pipe /dev/zero folder "$escape" m; do
   for command in "data info" "data verify" "eval --model m --data" "rollout --model m --data" \
     "fit --data" \
-    "report --model m -o new --data" "train fast -o new --data"; do
+    "report --model m -o new --data" "view -o new --data" "train fast -o new --data"; do
     read -ra words <<<"$command"
     expect 5 "${words[@]}" "$file"
   done
@@ -155,10 +161,12 @@ expect 2 data gen cube -o folder/../. "${tiny[@]}" && says "--force"
 expect 2 train fast --data d -o m "${quick[@]}" && says "--force"
 expect 2 rollout "${analytic[@]}" -o r && says "--force"
 expect 2 report --model m --data d --eval eval.json -o p.html && says "--force"
+expect 2 view d -o v.html && says "--force"
 ln -s nowhere link
 for output in folder pipe link; do
   expect 2 rollout "${analytic[@]}" -o $output && says "--force"
   expect 2 report --model m --data d --eval eval.json -o $output
+  expect 2 view d -o $output
 done
 expect 5 rollout "${analytic[@]}" -o folder --force
 expect 5 rollout "${analytic[@]}" -o pipe --force
@@ -166,7 +174,7 @@ expect 5 rollout "${analytic[@]}" -o no/such/folder
 expect 5 report --model m --data d --eval eval.json -o no/such/folder
 expect 5 data gen cube -o brace/d "${tiny[@]}"
 expect 5 train fast --data d -o no/such/folder "${quick[@]}"
-cmp -s m m.kept && cmp -s r r.kept && cmp -s p.html p.kept && cmp -s m.metrics.jsonl metrics.kept &&
+cmp -s m m.kept && cmp -s r r.kept && cmp -s p.html p.kept && cmp -s v.html v.kept && cmp -s m.metrics.jsonl metrics.kept &&
   cmp -s d/manifest.json manifest.kept || complain "a result changed without --force"
 [ -p pipe ] && [ -L link ] && [ -d folder ] || complain "a pipe, link or folder was replaced"
 
