@@ -5,6 +5,7 @@
 //   nmp data info data/cube
 //   nmp data verify data/cube
 
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -91,12 +92,18 @@ void verify(const Options& o) {
   for (const DatasetProblem& problem : check.problems)
     list += common::harmless(problem.file + ": " + problem.what) + "\n";
   if (list.empty()) list = text(o.folder, ": ", check.n_files, " files, nothing wrong\n");
+  if (check.n_without_checksum > 0)
+    list += text("no checksum is recorded for ", check.n_without_checksum,
+                 " of them: a change of their bytes would go unseen\n");
   common::print(o.flags.json ? to_json(check) + "\n" : list);
   if (check.problems.empty()) return;
-  throw InputError(text(
-      o.folder, ": ", check.problems.size(), check.problems.size() == 1 ? " problem" : " problems",
-      " in ", check.n_files, " files; nmp data gen ", o.folder, "/scene.toml -o ", o.folder,
-      " makes again what is missing or has another checksum, with --force all"));
+  throw InputError(
+      text(o.folder, ": ", check.problems.size(),
+           check.problems.size() == 1 ? " problem" : " problems", " in ", check.n_files, " files",
+           std::filesystem::exists(Path(o.folder) / "scene.toml")
+               ? "; nmp data gen " + o.folder + "/scene.toml -o " + o.folder +
+                     " makes again what is missing or has another checksum, with --force all"
+               : ""));
 }
 
 }  // namespace
