@@ -99,6 +99,7 @@ void add_data(CLI::App& app);
 void add_mesh(CLI::App& app);
 void add_train(CLI::App& app);
 void add_rollout(CLI::App& app);
+void add_export(CLI::App& app);
 void add_eval(CLI::App& app);
 void add_fit(CLI::App& app);
 void add_report(CLI::App& app);

@@ -111,6 +111,7 @@ int run(int argc, char** argv) {
   add_mesh(app);
   add_train(app);
   add_rollout(app);
+  add_export(app);
   add_eval(app);
   add_fit(app);
   add_report(app);

@@ -8,7 +8,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 # 1. Help and version.
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
-for command in data "data gen" "data info" "data verify" train rollout eval fit report grad-check bench \
+for command in data "data gen" "data info" "data verify" train rollout export eval fit report grad-check bench \
   reproduce "reproduce table1" "reproduce std" model "model info"; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
@@ -110,6 +110,30 @@ expect 4 rollout --data d --constitutive neo-hookean --integrator semi-implicit 
   -o diverged.safetensors && says "after frame"
 [ -s diverged.safetensors ] || complain "a rollout that diverged left no frames"
 expect 3 rollout --model r.safetensors --data d && says "not a model"
+
+# What is exported: what there is to see, from where, and nothing in the way of it.
+expect 0 export --data d -o frames --json && is_json && prints '"record": null'
+[ "$(find frames -name 'frame_*.vtu' | wc -l)" -eq 25 ] || complain "not a file for each frame"
+[ "$(grep -c '<DataSet' frames/frames.pvd)" -eq 25 ] || complain "the collection lacks frames"
+expect 2 export --data d -o frames && says "--force"
+expect 0 export r.safetensors --data d -o frames --force --every 10 --stress &&
+  prints "3 frames of r.safetensors, errors against val/000.safetensors"
+grep -q 'Name="von_mises"' frames/frame_0020.vtu || complain "the frames lack stresses"
+[ ! -e frames/frame_0001.vtu ] || complain "frames of an earlier export stayed"
+expect 0 export r.safetensors --data hit -o other.pvd && says "no record of hit has this start"
+expect 0 export --data d --split train --trajectory 1 --format obj -o surfaces --every 12
+[ "$(grep -c '^v ' surfaces/frame_0024.obj)" -eq 26 ] || complain "a surface of another size"
+expect 0 export r.safetensors --data d -o cache.pc2
+[ "$(stat -c %s cache.pc2)" -eq $((32 + 25 * 26 * 12)) ] && [ -s cache.obj ] ||
+  complain "a point cache of another size"
+expect 2 export r.safetensors -o e && says "--data"
+expect 2 export --mesh m.msh -o e && says "ROLLOUT"
+expect 2 export r.safetensors --data d --mesh m.msh -o e && says "both"
+expect 2 export --data d --trajectory 2 -o e && says "from 0"
+expect 2 export --data d -o e --format usd
+expect 3 export m.safetensors --data d -o e && says "tensor 'x'"
+expect 5 export missing --data d -o e
+[ ! -e e ] || complain "a refused export left something"
 expect 0 report --model m.safetensors --data d -o r.html --json && is_json
 expect 2 report --model m.safetensors --data d -o r.html && says "--force"
 expect 0 report --model m.safetensors --data d --eval eval.json --eval eval.json -o two.html

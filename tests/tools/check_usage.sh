@@ -34,6 +34,7 @@ declare -A complete=(
   ["data verify"]="d"
   ["train"]="fast --data d -o new"
   ["rollout"]="--model m --data d"
+  ["export"]="r --data d -o new"
   ["eval"]="--model m --data d"
   ["fit"]="--data d --length 8"
   ["report"]="--model m --data d --eval eval.json -o new"
@@ -102,6 +103,7 @@ input() {  # the code for it, what stands before it, what after
 input 3 "eval --data d --model" ""
 input 3 "rollout --data d --model" ""
 input 3 "grad-check --model" ""
+input 3 "export --data d -o new" ""
 input 3 "report --data d --eval eval.json -o new --model" ""
 input 3 "report --data d --model m -o new --eval" ""
 input 3 "train fast --data d -o new --model" ""
@@ -115,7 +117,7 @@ for file in missing "$escape" brace cut; do
 done
 for file in missing pipe /dev/zero folder "$escape" m; do
   for command in "data info" "data verify" "eval --model m --data" "rollout --model m --data" \
-    "fit --data" \
+    "fit --data" "export -o new --data" \
     "report --model m -o new --data" "train fast -o new --data"; do
     read -ra words <<<"$command"
     expect 5 "${words[@]}" "$file"
@@ -160,6 +162,10 @@ for output in folder pipe link; do
   expect 2 rollout "${analytic[@]}" -o $output && says "--force"
   expect 2 report --model m --data d --eval eval.json -o $output
 done
+for output in pipe link brace; do expect 2 export --data d -o $output && says "--force"; done
+expect 5 export --data d -o pipe --force
+expect 5 export --data d -o no/such/folder
+expect 2 export --data d -o . && expect 2 export --data d -o d --force && says "would be lost"
 expect 5 rollout "${analytic[@]}" -o folder --force
 expect 5 rollout "${analytic[@]}" -o pipe --force
 expect 5 rollout "${analytic[@]}" -o no/such/folder
