@@ -96,6 +96,8 @@ CLI::App& add_command(CLI::App& parent, const std::string& name, const std::stri
 namespace nmp {
 
 void add_data(CLI::App& app);
+/// Adds `nmp data import` to `nmp data`.
+void add_data_import(CLI::App& data);
 void add_mesh(CLI::App& app);
 void add_train(CLI::App& app);
 void add_rollout(CLI::App& app);
@@ -107,5 +109,6 @@ void add_grad_check(CLI::App& app);
 void add_bench(CLI::App& app);
 void add_reproduce(CLI::App& app);
 void add_model(CLI::App& app);
+void add_config(CLI::App& app);
 
 }  // namespace nmp

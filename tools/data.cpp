@@ -4,6 +4,7 @@
 //   nmp data gen --mesh body.msh -o data/body
 //   nmp data info data/cube
 //   nmp data verify data/cube
+// nmp data import stands in data_import.cpp.
 
 #include <filesystem>
 #include <memory>
@@ -110,7 +111,7 @@ void verify(const Options& o) {
 
 void add_data(CLI::App& app) {
   CLI::App& data = common::add_command(
-      app, "data", "Make a dataset of trajectories, describe or verify one", "",
+      app, "data", "Make or import a dataset of trajectories, describe or verify one", "",
       {"nmp data gen cube -o data/cube", "nmp data info data/cube", "nmp data verify data/cube"});
   data.require_subcommand(1);
   const auto o = std::make_shared<Options>();
@@ -139,6 +140,8 @@ void add_data(CLI::App& app) {
   common::add_threads(make);
   common::add_json(make, o->flags);
   make.callback([o] { gen(*o); });
+
+  add_data_import(data);
 
   CLI::App& look =
       common::add_command(data, "info", "Say what is in a dataset", "",

@@ -119,6 +119,7 @@ int run(int argc, char** argv) {
   add_bench(app);
   add_reproduce(app);
   add_model(app);
+  add_config(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp&) {

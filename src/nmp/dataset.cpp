@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <limits>
@@ -63,6 +64,9 @@ class Entry {
   /// There is a value, and it is not null.
   bool tells(const std::string& key) const { return has(key) && !(*this)[key].is_null(); }
   bool is_null() const { return value_.is_null(); }
+  void check_object() const {
+    if (!value_.is_object()) fail("an object");
+  }
   bool boolean() const {
     if (!value_.is_boolean()) fail("true or false");
     return value_.get<bool>();
@@ -237,6 +241,12 @@ Result to_matrix(const std::vector<T>& values, Index n_columns) {
 }
 
 }  // namespace
+
+std::string record_name(const char* split, Index index) {
+  char digits[32];
+  std::snprintf(digits, sizeof digits, "%03lld", static_cast<long long>(index));
+  return text(split, "/", digits, ".safetensors");
+}
 
 bool stays_inside(const std::string& name) {
   if (name.empty() || name.size() > 1024) return false;
@@ -518,6 +528,7 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   if (!root["ground"].is_null()) physics.ground = root["ground"].number(-1e9, 1e9);
   const bool has_material = root.tells("material");
   const auto material = [&] { return root["material"]; };
+  if (has_material) material().check_object();
   manifest.law_known = has_material && material().tells("law");
   if (manifest.law_known) {
     physics.material.law = material()["law"].word();

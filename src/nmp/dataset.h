@@ -117,6 +117,8 @@ class Dataset {
   std::vector<Trajectory> train_, validation_;
 };
 
+/// "train/000.safetensors", the name of a split's trajectory.
+std::string record_name(const char* split, Index index);
 /// A name that cannot lead out of the folder it is in.
 bool stays_inside(const std::string& name);
 /// The path of a dataset's file, links resolved.

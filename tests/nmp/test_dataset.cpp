@@ -258,17 +258,18 @@ TEST_SUITE("nmp/dataset") {
     CHECK(data.stagger() == 0.5);
     put_manifest(R"(, "material": {"density": 7, "E": null}, "dt": null, "mesh": null)");
     CHECK(Dataset::open(folder.path()).manifest().physics.material.density == 7);
-    for (const auto& [more, why] : std::vector<std::pair<const char*, const char*>>{
+    for (const auto& each : std::vector<std::pair<const char*, const char*>>{
              {R"(, "material": {"law": "stvk"})", "material.E: expected a value, found none"},
-             {R"(, "material": [])", "manifest.json"},
+             {R"(, "material": [])", "material: expected an object"},
              {R"(, "material": {"density": -7})", "material.density: expected a number"},
              {R"(, "mesh": {"checksum": null})", "mesh.name: expected a value"},
              {R"(, "mesh": {"name": "mesh.safetensors", "checksum": "1"})", "mesh.checksum"},
              {R"(, "seed": -1)", "seed: expected an integer"}}) {
+      const char* const more = each.first;
       CAPTURE(more);
       put_manifest(more);
-      if (std::string(more).find("[]") != std::string::npos) continue;
-      CHECK(contains(test::message<InputError>([&] { Dataset::open(folder.path()); }), why));
+      CHECK(
+          contains(test::message<InputError>([&] { Dataset::open(folder.path()); }), each.second));
     }
     // What it says of itself goes in and out unchanged.
     Manifest bare = manifest;

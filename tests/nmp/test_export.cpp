@@ -178,8 +178,10 @@ TEST_SUITE("nmp/export") {
   }
 
   TEST_CASE("what is interrupted leaves nothing, and what was there stays") {
-    for (const auto& [format, name] : std::vector<std::pair<const char*, const char*>>{
+    for (const auto& each : std::vector<std::pair<const char*, const char*>>{
              {"vtu", "f"}, {"vtu", "f.pvd"}, {"obj", "f"}, {"pc2", "f.pc2"}}) {
+      const char* const format = each.first;
+      const char* const name = each.second;
       CAPTURE(name);
       const test::Folder folder;
       const ExportSource source = source_of(tiny_dataset());

@@ -30,6 +30,7 @@ cp m.metrics.jsonl metrics.kept
 # 1. Every command, with arguments that make sense for it but for one.
 declare -A complete=(
   ["data gen"]="cube -o new --set time.frames=1"
+  ["data import"]="--gravity 0,0,0 --ground none -o new r"
   ["data info"]="d"
   ["data verify"]="d"
   ["train"]="fast --data d -o new"
@@ -42,6 +43,9 @@ declare -A complete=(
   ["bench"]="--only svd"
   ["reproduce table1"]="--scenes cube --scale smoke"
   ["model info"]="m"
+  ["config list"]=""
+  ["config scene"]="cube"
+  ["config train"]="fast"
 )
 # A sanitized program takes half a second to start: fewer of what the parser of options alone sees.
 values=('' -1 x 1e99 99999999999999999999999 nan)
@@ -75,7 +79,7 @@ for command in "${!complete[@]}"; do
     expect 2 "${name[@]}" "${rest[@]}" $option 1 $option 1
   done
   case $command in
-    grad-check | bench | reproduce*) ;;
+    grad-check | bench | reproduce* | "config list") ;;
     *) expect 2 "${name[@]}" ;;
   esac
   [ ! -e new ] || complain "nmp $command: a refused command line left a file"

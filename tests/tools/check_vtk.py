@@ -1,5 +1,7 @@
 """What nmp export writes, read by VTK's and meshio's own readers, is what the recording holds.
-check_vtk.py PVD-OR-VTU-FOLDER... RECORD: each export shows every N-th frame of the record."""
+  check_vtk.py RECORD H N:PVD...    each collection shows every N-th frame of the record
+  check_vtk.py rewrite PVD FOLDER   the same frames as VTK's own writer encodes them
+  check_vtk.py same RECORD RECORD   two records hold the same positions, velocities and forces"""
 import json
 import os
 import struct
@@ -69,7 +71,35 @@ def check(collection, record, h, every):
     return names
 
 
-if __name__ == "__main__":
+def rewrite(collection, folder):
+    os.makedirs(folder)
+    with open(collection) as file:
+        text = file.read()
+    with open(os.path.join(folder, "run.pvd"), "w") as file:
+        file.write(text)
+    for k, name in enumerate(sorted(os.listdir(os.path.dirname(collection)))):
+        if not name.endswith(".vtu"):
+            continue
+        reader = vtk.vtkXMLUnstructuredGridReader()
+        reader.SetFileName(os.path.join(os.path.dirname(collection), name))
+        reader.Update()
+        writer = vtk.vtkXMLUnstructuredGridWriter()
+        writer.SetFileName(os.path.join(folder, name))
+        writer.SetInputData(reader.GetOutput())
+        if k % 3 == 1:
+            writer.SetDataModeToBinary()
+        if k % 3 == 2:
+            writer.EncodeAppendedDataOff()
+            writer.SetByteOrderToBigEndian()
+        assert writer.Write() == 1
+
+
+if __name__ == "__main__" and sys.argv[1] == "rewrite":
+    rewrite(*sys.argv[2:])
+elif __name__ == "__main__" and sys.argv[1] == "same":
+    a, b = map(read_safetensors, sys.argv[2:])
+    assert all((a[name] == b[name]).all() for name in ("x", "v", "f_int"))
+elif __name__ == "__main__":
     record = read_safetensors(sys.argv[1])
     h = float(sys.argv[2])
     for argument in sys.argv[3:]:
