@@ -1,8 +1,11 @@
 #include "base/atomic_folder.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <atomic>
+#include <cerrno>
+#include <fstream>
 #include <utility>
 
 #include "base/check.h"
@@ -66,9 +69,22 @@ void AtomicFolder::check_contents() const {
   }
 }
 
+void AtomicFolder::write(const std::string& name, std::string_view content) const {
+  std::ofstream file(temporary_ / name, std::ios::binary);
+  file.write(content.data(), static_cast<std::streamsize>(content.size()));
+  file.close();
+  if (!file) fail(folder_ / name, "write", std::error_code(errno, std::generic_category()));
+}
+
 void AtomicFolder::commit() {
   NMP_CHECK(!temporary_.empty(), folder_.string() + ": committed twice");
   check_contents();
+  // One flush of the file system: waiting for each of a thousand files takes seconds.
+  const int descriptor = ::open(temporary_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool flushed = descriptor >= 0 && ::syncfs(descriptor) == 0;
+  const std::error_code why(errno, std::generic_category());
+  if (descriptor >= 0) ::close(descriptor);
+  if (!flushed) fail(folder_, "flush it to disk", why);
   std::error_code error;
   fs::remove_all(folder_, error);
   if (error) fail(folder_, "remove what was there", error);

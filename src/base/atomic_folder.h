@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <string>
+#include <string_view>
 
 #include "base/file.h"
 
@@ -21,7 +22,9 @@ class AtomicFolder {
 
   /// Where to write.
   const Path& path() const { return temporary_; }
-  /// Makes the folder appear, in place of what was there.
+  /// A file in it, without waiting for the disk.
+  void write(const std::string& name, std::string_view content) const;
+  /// Flushes everything to disk and makes the folder appear, in place of what was there.
   void commit();
 
  private:

@@ -164,13 +164,13 @@ Exported export_vtu(const ExportSource& source, const Path& out, const ExportOpt
   const std::string prefix = beside ? folder_path.filename().string() + "/" : "";
   frames.for_each([&](Index t, const Matrix<double>& x) {
     const std::string name = frame_name(t, frames.last(), ".vtu");
-    write_text(folder.path() / name,
-               fem::to_vtu({x, source.mesh.tets(), frames.point_fields(t), elements.fields(x)},
-                           {true, options.zlib, true}));
+    folder.write(name,
+                 fem::to_vtu({x, source.mesh.tets(), frames.point_fields(t), elements.fields(x)},
+                             {true, options.zlib, true}));
     entries.push_back({frames.time(t), prefix + name});
   });
-  write_text(folder.path() / kRest, rest_file(source, {true, options.zlib, false}));
-  if (!beside) write_text(folder.path() / kCollection, fem::to_pvd(entries));
+  folder.write(kRest, rest_file(source, {true, options.zlib, false}));
+  if (!beside) folder.write(kCollection, fem::to_pvd(entries));
   if (beside) std::filesystem::remove(out);  // it lists the frames that are about to go
   folder.commit();
   if (beside) write_text(out, fem::to_pvd(entries));
@@ -184,10 +184,10 @@ Exported export_obj(const ExportSource& source, const Path& out, const ExportOpt
   std::string times = "file,time [s]\n";
   frames.for_each([&](Index t, const Matrix<double>& x) {
     const std::string name = frame_name(t, frames.last(), ".obj");
-    write_text(folder.path() / name, fem::to_obj(on_surface(x, surface), surface.triangles));
+    folder.write(name, fem::to_obj(on_surface(x, surface), surface.triangles));
     times += name + "," + decimal(frames.time(t)) + "\n";
   });
-  write_text(folder.path() / kTimes, times);
+  folder.write(kTimes, times);
   folder.commit();
   return {out / frame_name(0, frames.last(), ".obj"), frames.n()};
 }
