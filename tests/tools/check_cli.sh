@@ -134,6 +134,10 @@ expect 2 export --data d --trajectory 2 -o e && says "from 0"
 expect 2 export --data d -o e --format usd
 expect 3 export m.safetensors --data d -o e && says "tensor 'x'"
 expect 5 export missing --data d -o e
+(ulimit -f 2 && exec "$nmp" export --data d -o e) >stdout 2>stderr
+[ $? -eq 5 ] || complain "frames that cannot be written are not exit code 5"
+says "e/frame_0000.vtu: cannot write"
+[ -z "$(find . -name '.e.*')" ] || complain "a failed export left its temporary folder"
 [ ! -e e ] || complain "a refused export left something"
 expect 0 report --model m.safetensors --data d -o r.html --json && is_json
 expect 2 report --model m.safetensors --data d -o r.html && says "--force"
