@@ -96,9 +96,12 @@ CLI::App& add_command(CLI::App& parent, const std::string& name, const std::stri
 namespace nmp {
 
 void add_data(CLI::App& app);
+/// Adds `nmp data import` to `nmp data`.
+void add_data_import(CLI::App& data);
 void add_mesh(CLI::App& app);
 void add_train(CLI::App& app);
 void add_rollout(CLI::App& app);
+void add_export(CLI::App& app);
 void add_eval(CLI::App& app);
 void add_fit(CLI::App& app);
 void add_report(CLI::App& app);
@@ -107,6 +110,7 @@ void add_grad_check(CLI::App& app);
 void add_bench(CLI::App& app);
 void add_reproduce(CLI::App& app);
 void add_model(CLI::App& app);
+void add_config(CLI::App& app);
 void add_help(CLI::App& app);
 
 }  // namespace nmp

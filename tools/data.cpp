@@ -4,7 +4,9 @@
 //   nmp data gen --mesh body.msh -o data/body
 //   nmp data info data/cube
 //   nmp data verify data/cube
+// nmp data import stands in data_import.cpp.
 
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -91,19 +93,25 @@ void verify(const Options& o) {
   for (const DatasetProblem& problem : check.problems)
     list += common::harmless(problem.file + ": " + problem.what) + "\n";
   if (list.empty()) list = text(o.folder, ": ", check.n_files, " files, nothing wrong\n");
+  if (check.n_without_checksum > 0)
+    list += text("no checksum is recorded for ", check.n_without_checksum,
+                 " of them: a change of their bytes would go unseen\n");
   common::print(o.flags.json ? to_json(check) + "\n" : list);
   if (check.problems.empty()) return;
-  throw InputError(text(
-      o.folder, ": ", check.problems.size(), check.problems.size() == 1 ? " problem" : " problems",
-      " in ", check.n_files, " files; nmp data gen ", o.folder, "/scene.toml -o ", o.folder,
-      " makes again what is missing or has another checksum, with --force all"));
+  throw InputError(
+      text(o.folder, ": ", check.problems.size(),
+           check.problems.size() == 1 ? " problem" : " problems", " in ", check.n_files, " files",
+           std::filesystem::exists(Path(o.folder) / "scene.toml")
+               ? "; nmp data gen " + o.folder + "/scene.toml -o " + o.folder +
+                     " makes again what is missing or has another checksum, with --force all"
+               : ""));
 }
 
 }  // namespace
 
 void add_data(CLI::App& app) {
   CLI::App& data = common::add_command(
-      app, "data", "Make a dataset of trajectories, describe or verify one", "",
+      app, "data", "Make or import a dataset of trajectories, describe or verify one", "",
       {"nmp data gen cube -o data/cube", "nmp data info data/cube", "nmp data verify data/cube"});
   data.require_subcommand(1);
   const auto o = std::make_shared<Options>();
@@ -132,6 +140,8 @@ void add_data(CLI::App& app) {
   common::add_threads(make);
   common::add_json(make, o->flags);
   make.callback([o] { gen(*o); });
+
+  add_data_import(data);
 
   CLI::App& look =
       common::add_command(data, "info", "Say what is in a dataset", "",

@@ -114,6 +114,7 @@ int run(int argc, char** argv) {
   add_mesh(app);
   add_train(app);
   add_rollout(app);
+  add_export(app);
   add_eval(app);
   add_fit(app);
   add_report(app);
@@ -122,6 +123,7 @@ int run(int argc, char** argv) {
   add_bench(app);
   add_reproduce(app);
   add_model(app);
+  add_config(app);
   add_help(app);
   try {
     app.parse(argc, argv);

@@ -134,7 +134,8 @@ void add_train(CLI::App& app) {
   train
       .add_option(
           "CONFIG", o->config,
-          "A TOML file, or a name that ships: fast, accurate, friction, nclaw, paper, transfer")
+          "A TOML file, or a name that ships: fast, accurate, friction, nclaw, paper, positions, "
+          "transfer")
       ->required();
   train.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
   train.add_option("-o,--output", o->out, "File of the model")->type_name("FILE")->required();

@@ -1,23 +1,19 @@
-// VTK's XML unstructured grid. Expat reads the XML: it keeps no tree and does not recurse, and it
-// can be stopped before the appended data, which may hold any bytes and so are no XML.
-#include <expat.h>
-
+// VTK's XML unstructured grid.
 #include <algorithm>
-#include <exception>
-#include <initializer_list>
+#include <cmath>
 #include <limits>
-#include <memory>
-#include <new>
+#include <map>
 
+#include "fem/vtk_xml.h"
 #include "fem/vtu_array.h"
+#include "fem/vtu_grid.h"
 
 namespace nmp::fem {
 
 namespace {
 
-constexpr std::size_t kMaxDepth = 64;
-constexpr std::size_t kPiece = std::size_t{1} << 24;  // given to expat at a time
 constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kMaxComponents = 9;  // a tensor
 
 // A DataArray of the file, not decoded.
 struct Array {
@@ -28,105 +24,32 @@ struct Array {
 };
 
 // What the XML says: one piece, its arrays, and where appended data begin.
-class VtuDocument {
+class VtuDocument final : VtkXml {
  public:
-  VtuDocument(std::string_view bytes, const std::string& name) : bytes_(bytes), name_(name) {
-    const std::unique_ptr<XML_ParserStruct, void (*)(XML_Parser)> parser(
-        XML_ParserCreate("UTF-8"), [](XML_Parser p) { XML_ParserFree(p); });
-    if (!parser) throw std::bad_alloc();
-    parser_ = parser.get();
-    XML_SetUserData(parser_, this);
-    XML_SetElementHandler(
-        parser_,
-        [](void* self, const XML_Char* tag, const XML_Char** attributes) {
-          static_cast<VtuDocument*>(self)->guard([&](VtuDocument& d) { d.begin(tag, attributes); });
-        },
-        [](void* self, const XML_Char*) {
-          static_cast<VtuDocument*>(self)->guard([](VtuDocument& d) { d.end(); });
-        });
-    XML_SetStartDoctypeDeclHandler(
-        parser_, [](void* self, const XML_Char*, const XML_Char*, const XML_Char*, int) {
-          static_cast<VtuDocument*>(self)->guard(
-              [](VtuDocument& d) { d.fail("a VTU file, which has no DOCTYPE", "one"); });
-        });
-    XML_SetDefaultHandler(parser_, [](void* self, const XML_Char*, int) {
-      static_cast<VtuDocument*>(self)->note_progress();
-    });
+  VtuDocument(std::string_view bytes, const std::string& name,
+              const std::vector<std::string>& wanted)
+      : VtkXml(bytes, name, "a VTU file") {
+    for (const std::string& each : wanted) point_data[each];
     parse();
-    parser_ = nullptr;
   }
 
-  [[noreturn]] void fail(const std::string& expected, const std::string& found) const {
-    const std::size_t line = parser_ ? XML_GetCurrentLineNumber(parser_) : 1;
-    throw InputError(text(name_, ":", line, ": expected ", expected, ", found ", found));
-  }
+  using VtkXml::fail;
 
   bool has_piece = false;
   std::int64_t n_points = 0, n_cells = 0;
   VtuEncoding encoding;
   Array points, connectivity, offsets, types;
+  std::map<std::string, Array> point_data;
   bool has_appended = false, appended_base64 = false;
   std::string_view appended;  // behind its underscore
 
  private:
-  // Handlers are called from C, which no exception may cross.
-  template <class Handler>
-  void guard(Handler&& handler) {
-    if (failure_ || stopped_) return;
-    note_progress();
-    try {
-      handler(*this);
-    } catch (...) {
-      failure_ = std::current_exception();
-      XML_StopParser(parser_, XML_FALSE);
-    }
-  }
-
-  void note_progress() {
-    seen_ = static_cast<std::size_t>(std::max<XML_Index>(0, XML_GetCurrentByteIndex(parser_)));
-  }
-
-  void parse() {
-    for (std::size_t from = 0; !stopped_;) {
-      const std::size_t n = std::min(kPiece, bytes_.size() - from);
-      const bool is_last = from + n == bytes_.size();
-      const XML_Status status =
-          XML_Parse(parser_, bytes_.data() + from, static_cast<int>(n), is_last);
-      if (failure_) std::rethrow_exception(failure_);
-      if (stopped_) return;
-      if (status != XML_STATUS_OK) {
-        fail("a VTU file, which is XML",
-             text("'", printable(XML_ErrorString(XML_GetErrorCode(parser_))), "'"));
-      }
-      from += n;
-      if (is_last) return;
-      // A tag that goes on and on would be looked at again with every piece.
-      if (from - seen_ > 2 * kPiece)
-        fail(text("tags of less than ", kPiece, " bytes"), "a longer one");
-    }
-  }
-
-  std::size_t tag_begin() const {
-    return static_cast<std::size_t>(XML_GetCurrentByteIndex(parser_));
-  }
-  std::size_t tag_end() const {
-    return tag_begin() + static_cast<std::size_t>(XML_GetCurrentByteCount(parser_));
-  }
-
-  static std::string find(const XML_Char** attributes, std::string_view name) {
-    for (; *attributes; attributes += 2)
-      if (name == attributes[0]) return attributes[1];
-    return "";
-  }
-
-  void begin(std::string_view tag, const XML_Char** attributes) {
-    if (path_.size() >= kMaxDepth) fail(text("tags at most ", kMaxDepth, " deep"), "more");
-    path_.emplace_back(tag.substr(0, 64));
+  void begin(std::string_view tag, Attributes attributes) override {
     if (in_array_ != nullptr) {
       end_segment(tag_begin());  // information about an array stands inside it
       return;
     }
-    if (path_.size() == 1) {
+    if (path().size() == 1) {
       begin_file(tag, attributes);
     } else if (is_at({"VTKFile", "UnstructuredGrid", "Piece"})) {
       if (has_piece) fail("one Piece; merge them first, or save without pieces", "a second one");
@@ -140,32 +63,29 @@ class VtuDocument {
       if (name == "connectivity") begin_array(connectivity, attributes);
       if (name == "offsets") begin_array(offsets, attributes);
       if (name == "types") begin_array(types, attributes);
+    } else if (is_at({"VTKFile", "UnstructuredGrid", "Piece", "PointData", "DataArray"})) {
+      const auto array = point_data.find(find(attributes, "Name"));
+      if (array != point_data.end()) begin_array(array->second, attributes);
     } else if (is_at({"VTKFile", "AppendedData"})) {
       begin_appended(find(attributes, "encoding"));
     }
   }
 
-  void end() {
-    if (in_array_ != nullptr && path_.size() == array_depth_) {
+  void end() override {
+    if (in_array_ != nullptr && path().size() == array_depth_) {
       end_segment(tag_begin());
       in_array_ = nullptr;
-    } else if (in_array_ != nullptr && path_.size() == array_depth_ + 1) {
+    } else if (in_array_ != nullptr && path().size() == array_depth_ + 1) {
       begin_segment();
     }
-    path_.pop_back();
-  }
-
-  bool is_at(std::initializer_list<std::string_view> path) const {
-    return std::equal(path_.begin(), path_.end(), path.begin(), path.end());
   }
 
   std::int64_t integer(const std::string& word, const char* what) const {
-    return MeshCursor("", name_, XML_GetCurrentLineNumber(parser_))
-        .to_integer(word, what, 0, kMost);
+    return MeshCursor("", name_, line()).to_integer(word, what, 0, kMost);
   }
 
-  void begin_file(std::string_view tag, const XML_Char** attributes) {
-    if (tag != "VTKFile") fail("the tag VTKFile", in_quotes(tag));
+  void begin_file(std::string_view tag, Attributes attributes) {
+    check_root(tag, attributes, "UnstructuredGrid");
     const auto choose = [&](const char* name, std::string_view absent, std::string_view first,
                             std::string_view second) {
       std::string value = find(attributes, name);
@@ -175,13 +95,6 @@ class VtuDocument {
       }
       return value == second;
     };
-    if (find(attributes, "type") != "UnstructuredGrid") {
-      fail("the type UnstructuredGrid", in_quotes(find(attributes, "type")));
-    }
-    const std::string version = find(attributes, "version");
-    if (!version.empty() && version[0] != '0' && version[0] != '1' && version[0] != '2') {
-      fail("version 0.1 to 2", in_quotes(version));
-    }
     const bool big = choose("byte_order", "LittleEndian", "LittleEndian", "BigEndian");
     encoding.swap = big == is_little_endian();
     encoding.header64 = choose("header_type", "UInt32", "UInt32", "UInt64");
@@ -192,32 +105,32 @@ class VtuDocument {
     }
   }
 
-  void begin_array(Array& array, const XML_Char** attributes) {
+  void begin_array(Array& array, Attributes attributes) {
     if (array.found) fail("each array of a Piece once", "it again");
     array.found = true;
     array.type = find(attributes, "type");
     array.format = find(attributes, "format");
     array.n_components = find(attributes, "NumberOfComponents");
     array.offset = find(attributes, "offset");
-    array.line = XML_GetCurrentLineNumber(parser_);
+    array.line = line();
     in_array_ = &array;
-    array_depth_ = path_.size();
+    array_depth_ = path().size();
     begin_segment();
   }
 
   void begin_segment() { segment_ = tag_end(); }
 
   void end_segment(std::size_t at) {
-    if (path_.size() > array_depth_ + 1) return;
+    if (path().size() > array_depth_ + 1) return;
     const std::string_view segment = bytes_.substr(segment_, at - segment_);
     if (segment.find_first_not_of(" \t\r\n") == std::string_view::npos) return;
     if (!in_array_->content.empty()) fail("the values of an array in one piece", "two");
     in_array_->content = segment;
-    in_array_->line = XML_GetCurrentLineNumber(parser_) -
-                      static_cast<std::size_t>(std::count(segment.begin(), segment.end(), '\n'));
+    in_array_->line =
+        line() - static_cast<std::size_t>(std::count(segment.begin(), segment.end(), '\n'));
   }
 
-  // Nothing behind this tag is XML: expat is done.
+  // Nothing behind this tag is XML.
   void begin_appended(const std::string& encoded) {
     if (encoded != "raw" && encoded != "base64") {
       fail("the encoding raw or base64", in_quotes(encoded));
@@ -234,27 +147,20 @@ class VtuDocument {
     has_appended = true;
     appended_base64 = encoded == "base64";
     appended = bytes_.substr(from + 1);
-    stopped_ = true;
-    XML_StopParser(parser_, XML_FALSE);
+    stop();
   }
 
-  std::string_view bytes_;
-  const std::string& name_;
-  XML_Parser parser_ = nullptr;
-  std::exception_ptr failure_;
-  bool stopped_ = false;
-  std::size_t seen_ = 0;  // where expat was last
-  std::vector<std::string> path_;
   Array* in_array_ = nullptr;
   std::size_t array_depth_ = 0, segment_ = 0;
 };
 
 class VtuReader {
  public:
-  VtuReader(std::string_view bytes, const std::string& name, const MeshLimits& limits)
-      : file_(bytes, name), name_(name), mesh_(limits), budget_(limits.decoded_bytes) {}
+  VtuReader(std::string_view bytes, const std::string& name, const std::vector<std::string>& wanted,
+            const MeshLimits& limits)
+      : file_(bytes, name, wanted), name_(name), mesh_(limits), budget_(limits.decoded_bytes) {}
 
-  RawMesh read() {
+  VtuGrid read() {
     if (!file_.has_piece) file_.fail("an UnstructuredGrid with a Piece", "none");
     read_points();
     const std::vector<std::int64_t> types = integers(file_.types, "types", file_.n_cells);
@@ -264,7 +170,10 @@ class VtuReader {
     std::vector<std::int64_t> offsets = {0};  // VTU gives where each cell ends
     offsets.insert(offsets.end(), ends.begin(), ends.end());
     add_vtk_cells(mesh_, MeshCursor("", name_, file_.types.line), types, offsets, connectivity);
-    return mesh_.finish();
+    VtuGrid grid{mesh_.finish(), {}};
+    for (const auto& [name, array] : file_.point_data)
+      if (array.found) grid.point_data[name] = read_point_data(name, array);
+    return grid;
   }
 
  private:
@@ -290,38 +199,72 @@ class VtuReader {
     return at.to_integer(word, what, 0, high);
   }
 
-  static void check_size(const MeshCursor& at, const char* name, std::size_t found,
+  static void check_size(const MeshCursor& at, const std::string& name, std::size_t found,
                          std::int64_t expected) {
     if (static_cast<std::int64_t>(found) == expected) return;
     at.fail(text(expected, " values in the array ", name), text(found));
   }
 
-  void read_points() {
-    const Array& array = file_.points;
+  // Shows each of n numbers with the cursor behind it.
+  template <class Visit>
+  void read_numbers(const Array& array, const std::string& name, std::int64_t n, Visit&& visit) {
     MeshCursor in = cursor(array);
-    if (!array.found) in.fail("a DataArray in Points", "none");
-    if (array.n_components != "3") {
-      in.fail("NumberOfComponents 3 of the points", in_quotes(array.n_components));
-    }
     const VtuType type = vtu_type(array.type, in);
-    if (array.format == "ascii") {
-      if (type.kind != VtuType::real)
-        in.fail("points of Float32 or Float64", in_quotes(array.type));
-      const Index n = in.check_count(static_cast<std::uint64_t>(file_.n_points), "NumberOfPoints",
-                                     mesh_.limits().vertices, 6);
-      for (Index i = 0; i < n; ++i) {
-        const double x = in.number("x"), y = in.number("y"), z = in.number("z");
-        mesh_.add_vertex(in, x, y, z);
-      }
-      if (!in.at_end()) in.fail(text("the end of ", n, " points"), in_quotes(in.word()));
+    if (array.format != "ascii") {
+      const std::vector<double> values = to_reals(decode(array, in), type, file_.encoding.swap, in);
+      check_size(in, name, values.size(), n);
+      for (const double value : values) visit(in, value);
       return;
     }
-    const std::vector<double> xyz = to_reals(decode(array, in), type, file_.encoding.swap, in);
-    if (file_.n_points > kMost / 3) in.fail("a smaller NumberOfPoints", text(file_.n_points));
-    check_size(in, "Points", xyz.size(), 3 * file_.n_points);
-    for (std::size_t i = 0; i < xyz.size(); i += 3) {
-      mesh_.add_vertex(in, xyz[i], xyz[i + 1], xyz[i + 2]);
+    if (type.kind != VtuType::real)
+      in.fail(text(name, " of Float32 or Float64"), in_quotes(array.type));
+    in.check_count(static_cast<std::uint64_t>(n), ("values of " + name).c_str(), kMost, 2);
+    for (std::int64_t i = 0; i < n; ++i) {
+      const double value = in.number(name.c_str());
+      visit(in, value);
     }
+    if (!in.at_end()) in.fail(text("the end of ", n, " values in ", name), in_quotes(in.word()));
+  }
+
+  // What follows allocates what the file holds, not what it claims.
+  std::int64_t count_values(const MeshCursor& at, std::int64_t n_components) const {
+    if (file_.n_points > kMost / n_components)
+      at.fail("a smaller NumberOfPoints", text(file_.n_points));
+    return n_components * file_.n_points;
+  }
+
+  void read_points() {
+    const Array& array = file_.points;
+    const MeshCursor at = cursor(array);
+    if (!array.found) at.fail("a DataArray in Points", "none");
+    if (array.n_components != "3") {
+      at.fail("NumberOfComponents 3 of the points", in_quotes(array.n_components));
+    }
+    double xyz[3];
+    int k = 0;
+    read_numbers(array, "Points", count_values(at, 3), [&](const MeshCursor& in, double value) {
+      xyz[k++] = value;
+      if (k < 3) return;
+      mesh_.add_vertex(in, xyz[0], xyz[1], xyz[2]);
+      k = 0;
+    });
+  }
+
+  Matrix<double> read_point_data(const std::string& name, const Array& array) {
+    const MeshCursor at = cursor(array);
+    const std::int64_t n_columns =
+        array.n_components.empty()
+            ? 1
+            : at_integer(at, array.n_components, "NumberOfComponents", kMaxComponents);
+    if (n_columns == 0) at.fail("at least one component", "none");
+    std::vector<double> values;
+    const std::string what = "the array " + printable(name);
+    read_numbers(array, what, count_values(at, n_columns), [&](const MeshCursor& in, double value) {
+      if (!std::isfinite(value)) in.fail("finite numbers in " + what, text(value));
+      values.push_back(value);
+    });
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    return Eigen::Map<const RowMajor>(values.data(), file_.n_points, n_columns);
   }
 
   std::vector<std::int64_t> integers(const Array& array, const char* name, std::int64_t n) {
@@ -351,8 +294,13 @@ class VtuReader {
 
 }  // namespace
 
+VtuGrid read_vtu_grid(std::string_view bytes, const std::string& name,
+                      const std::vector<std::string>& wanted, const MeshLimits& limits) {
+  return VtuReader(bytes, name, wanted, limits).read();
+}
+
 RawMesh read_vtu(std::string_view bytes, const std::string& name, const MeshLimits& limits) {
-  return VtuReader(bytes, name, limits).read();
+  return read_vtu_grid(bytes, name, {}, limits).mesh;
 }
 
 }  // namespace nmp::fem

@@ -1,43 +1,12 @@
-#include <charconv>
-#include <cstring>
-#include <type_traits>
+#include <initializer_list>
 
+#include "fem/mesh_output.h"
 #include "fem/mesh_reader.h"
+#include "fem/vtu_writer.h"
 
 namespace nmp::fem {
 
 namespace {
-
-// Text with the shortest decimals that read back as the same doubles, and binary numbers.
-class Output {
- public:
-  Output& operator<<(std::string_view words) {
-    text_ += words;
-    return *this;
-  }
-  Output& operator<<(double value) {
-    char digits[32];
-    text_.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
-    return *this;
-  }
-  template <class T, class = std::enable_if_t<std::is_integral_v<T>>>
-  Output& operator<<(T value) {
-    char digits[32];
-    text_.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
-    return *this;
-  }
-  template <class T>
-  void binary(T value, bool swap = false) {
-    char bytes[sizeof(T)];
-    std::memcpy(bytes, &value, sizeof(T));
-    if (swap) std::reverse(bytes, bytes + sizeof(T));
-    text_.append(bytes, sizeof(T));
-  }
-  const std::string& text() const { return text_; }
-
- private:
-  std::string text_;
-};
 
 void write_vertex(Output& out, const RawMesh& mesh, Index v) {
   out << mesh.vertices(v, 0) << " " << mesh.vertices(v, 1) << " " << mesh.vertices(v, 2) << "\n";
@@ -189,68 +158,6 @@ std::string to_vtk(const RawMesh& mesh, bool binary) {
   return out.text();
 }
 
-std::string to_vtu(const RawMesh& mesh, bool binary) {
-  const Index n_vertices = mesh.vertices.rows(), n_tets = mesh.tets.rows();
-  Output out, appended;
-  const auto array = [&](std::string_view attributes, Index n_bytes, auto&& write_binary,
-                         auto&& write_text) {
-    out << "<DataArray " << attributes;
-    if (binary) {
-      out << " format=\"appended\" offset=\"" << appended.text().size() << "\"/>\n";
-      appended.binary(static_cast<std::uint64_t>(n_bytes));
-      write_binary();
-    } else {
-      out << " format=\"ascii\">\n";
-      write_text();
-      out << "</DataArray>\n";
-    }
-  };
-  out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\""
-      << (is_little_endian() ? "LittleEndian" : "BigEndian")
-      << "\" header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"" << n_vertices
-      << "\" NumberOfCells=\"" << n_tets << "\">\n<Points>\n";
-  array(
-      "type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"", 24 * n_vertices,
-      [&] {
-        for (Index v = 0; v < n_vertices; ++v)
-          for (int k = 0; k < 3; ++k) appended.binary(mesh.vertices(v, k));
-      },
-      [&] {
-        for (Index v = 0; v < n_vertices; ++v) write_vertex(out, mesh, v);
-      });
-  out << "</Points>\n<Cells>\n";
-  array(
-      "type=\"Int64\" Name=\"connectivity\"", 32 * n_tets,
-      [&] {
-        for (Index e = 0; e < n_tets; ++e)
-          for (int a = 0; a < 4; ++a) appended.binary(std::int64_t{mesh.tets(e, a)});
-      },
-      [&] {
-        for (Index e = 0; e < n_tets; ++e) write_tet(out, mesh, e, 0);
-      });
-  array(
-      "type=\"Int64\" Name=\"offsets\"", 8 * n_tets,
-      [&] {
-        for (Index e = 0; e < n_tets; ++e) appended.binary(std::int64_t{4 * (e + 1)});
-      },
-      [&] {
-        for (Index e = 0; e < n_tets; ++e) out << 4 * (e + 1) << "\n";
-      });
-  array(
-      "type=\"UInt8\" Name=\"types\"", n_tets,
-      [&] {
-        for (Index e = 0; e < n_tets; ++e) appended.binary(std::uint8_t{10});
-      },
-      [&] {
-        for (Index e = 0; e < n_tets; ++e) out << "10\n";
-      });
-  out << "</Cells>\n</Piece>\n</UnstructuredGrid>\n";
-  if (binary)
-    out << "<AppendedData encoding=\"raw\">\n_" << appended.text() << "\n</AppendedData>\n";
-  out << "</VTKFile>\n";
-  return out.text();
-}
-
 }  // namespace
 
 void write_mesh(const Path& path, const RawMesh& mesh, const MeshWriteOptions& options) {
@@ -263,7 +170,7 @@ void write_mesh(const Path& path, const RawMesh& mesh, const MeshWriteOptions& o
     case MeshFormat::vtk:
       return write_text(files[0], to_vtk(mesh, options.binary));
     case MeshFormat::vtu:
-      return write_text(files[0], to_vtu(mesh, options.binary));
+      return write_text(files[0], to_vtu({mesh.vertices, mesh.tets, {}, {}}, {options.binary}));
     case MeshFormat::tetgen:
       if (options.binary) {
         throw ConfigError(path.string() +

@@ -20,6 +20,28 @@ std::vector<char> touching(const Manifest& manifest, const ConstView<double>& x,
   return result;
 }
 
+void read_or_estimate_force(const Dataset& dataset, const Trajectory& trajectory, Index t,
+                            Matrix<double>& f) {
+  f.resize(trajectory.n_vertices(), 3);
+  if (trajectory.has_force()) return trajectory.read_force<double>(t, f);
+  f.setZero();
+  if (t == 0 || t == trajectory.frames()) return;
+  const Manifest& manifest = dataset.manifest();
+  Matrix<double> before = f, x = f, after = f, v = f;
+  trajectory.read_x<double>(t - 1, before);
+  trajectory.read_x<double>(t, x);
+  trajectory.read_x<double>(t + 1, after);
+  trajectory.read_v<double>(t, v);
+  f = (after - 2 * x + before) / (manifest.h * manifest.h);
+  f.rowwise() -= manifest.physics.gravity.transpose();
+  f.array().colwise() *=
+      manifest.physics.material.density * dataset.mesh().vertex_volumes().col(0).array();
+  const std::vector<char> touch = touching(manifest, x, v);
+  for (std::size_t i = 0; i < touch.size(); ++i)
+    if (touch[i]) f.row(static_cast<Index>(i)).setZero();
+  for (const int i : manifest.physics.pinned) f.row(i).setZero();
+}
+
 namespace {
 
 // Normal equations of dv_i = h (alpha phi_i + b): unknowns (alpha, b_x, b_y, b_z).

@@ -25,6 +25,13 @@ struct AffineFit {
 AffineFit fit_affine(const Dataset& dataset, const std::vector<const Trajectory*>& trajectories,
                      Index window, double stagger);
 
+/// f_int at a frame: as recorded; else what the body's motion tells of it, which is enough to know
+/// how large forces are:  m_i ((x_{t+1} - 2 x_t + x_{t-1}) / h^2 - g),  0 where a pin or the ground
+/// pushes too and at both ends.
+/// @param f  #V x 3 [N], overwritten
+void read_or_estimate_force(const Dataset& dataset, const Trajectory& trajectory, Index t,
+                            Matrix<double>& f);
+
 /// True where a vertex is on the ground or so near that it may touch it within two frames.
 std::vector<char> touching(const Manifest& manifest, const ConstView<double>& x,
                            const ConstView<double>& v);

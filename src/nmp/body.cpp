@@ -27,6 +27,26 @@ std::string extent(const fem::TetMesh<double>& mesh) {
   return words + " m";
 }
 
+// To two significant digits.
+double rounded_down(double value) {
+  const double digit = std::pow(10, std::floor(std::log10(value)) - 1);
+  return std::floor(value / digit) * digit;
+}
+
+// A pinned body is not lifted above the ground: it must not begin below it.
+void check_ground(const Scene& scene, const Body& body) {
+  if (body.pinned.empty() || !scene.physics.ground) return;
+  const double lowest = body.mesh.vertices().col(2).minCoeff(), ground = *scene.physics.ground;
+  if (lowest >= ground - 1e-9 * body.mesh.diagonal()) return;
+  throw ConfigError(text("contact.ground: the pinned body reaches down to z = ", lowest,
+                         " m, below the ground at ", ground,
+                         " m; set contact.ground to \"none\" (--set contact.ground=none) or to at "
+                         "most ",
+                         lowest));
+}
+
+}  // namespace
+
 std::vector<int> find_pins(const Scene& scene, const fem::TetMesh<double>& mesh) {
   const Index n = mesh.n_vertices();
   std::vector<char> held(static_cast<std::size_t>(n), 0);
@@ -72,26 +92,6 @@ std::vector<int> find_pins(const Scene& scene, const fem::TetMesh<double>& mesh)
   }
   return pinned;
 }
-
-// To two significant digits.
-double rounded_down(double value) {
-  const double digit = std::pow(10, std::floor(std::log10(value)) - 1);
-  return std::floor(value / digit) * digit;
-}
-
-// A pinned body is not lifted above the ground: it must not begin below it.
-void check_ground(const Scene& scene, const Body& body) {
-  if (body.pinned.empty() || !scene.physics.ground) return;
-  const double lowest = body.mesh.vertices().col(2).minCoeff(), ground = *scene.physics.ground;
-  if (lowest >= ground - 1e-9 * body.mesh.diagonal()) return;
-  throw ConfigError(text("contact.ground: the pinned body reaches down to z = ", lowest,
-                         " m, below the ground at ", ground,
-                         " m; set contact.ground to \"none\" (--set contact.ground=none) or to at "
-                         "most ",
-                         lowest));
-}
-
-}  // namespace
 
 Path find_mesh(const Scene& scene) {
   const Path file(scene.mesh_file);

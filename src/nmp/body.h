@@ -26,6 +26,10 @@ Body make_body(const Scene& scene);
 /// Its mesh alone.
 fem::TetMesh<double> make_mesh(const Scene& scene);
 
+/// The vertices that a scene holds, by number and by rule, ascending.
+/// @throws ConfigError  if a number is no vertex, a rule pins nothing, or everything is pinned
+std::vector<int> find_pins(const Scene& scene, const fem::TetMesh<double>& mesh);
+
 /// Where the scene's mesh file is. @throws ConfigError  with the places that were looked in
 Path find_mesh(const Scene& scene);
 

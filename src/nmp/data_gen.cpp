@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -30,12 +29,6 @@ struct Job {
   Index index;
   RecordInfo* record;
 };
-
-std::string record_name(const char* split, Index index) {
-  char digits[32];
-  std::snprintf(digits, sizeof digits, "%03lld", static_cast<long long>(index));
-  return text(split, "/", digits, ".safetensors");
-}
 
 // Names that record_name gives out.
 bool is_record_name(const std::string& name) {

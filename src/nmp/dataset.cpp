@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <limits>
@@ -39,19 +40,6 @@ void refuse_newer(const std::string& file, std::int64_t version) {
                         ", the newest that this program reads"));
 }
 
-// A name that cannot lead out of the folder it is in.
-bool stays_inside(const std::string& name) {
-  if (name.empty() || name.size() > 1024) return false;
-  const bool plain = std::all_of(name.begin(), name.end(), [](char c) {
-    return static_cast<unsigned char>(c) >= 0x20 && c != 0x7f && c != '\\' && c != ':';
-  });
-  if (!plain) return false;
-  const Path path(name);
-  return path.is_relative() && std::all_of(path.begin(), path.end(), [](const Path& part) {
-           return !part.empty() && part != "." && part != "..";
-         });
-}
-
 // A value of the manifest and where it stands there.
 class Entry {
  public:
@@ -73,7 +61,12 @@ class Entry {
     }
   }
   bool has(const std::string& key) const { return value_.is_object() && value_.contains(key); }
+  /// There is a value, and it is not null.
+  bool tells(const std::string& key) const { return has(key) && !(*this)[key].is_null(); }
   bool is_null() const { return value_.is_null(); }
+  void check_object() const {
+    if (!value_.is_object()) fail("an object");
+  }
   bool boolean() const {
     if (!value_.is_boolean()) fail("true or false");
     return value_.get<bool>();
@@ -190,9 +183,9 @@ std::vector<RecordInfo> read_records(const Entry& list, Index n_frames,
     RecordInfo record;
     record.name = entry["name"].file_name();
     if (!names.insert(record.name).second) entry["name"].fail("every file once");
-    record.seed = entry["seed"].seed();
-    record.frames = entry["frames"].integer(1, n_frames);
-    record.checksum = entry["checksum"].checksum();
+    if (entry.tells("seed")) record.seed = entry["seed"].seed();
+    record.frames = entry.tells("frames") ? entry["frames"].integer(1, n_frames) : n_frames;
+    if (entry.tells("checksum")) record.checksum = entry["checksum"].checksum();
     if (entry.has("slide")) record.slide = read_slide(entry["slide"], record.frames);
     records.push_back(std::move(record));
   });
@@ -205,7 +198,8 @@ OrderedJson json_records(const std::vector<RecordInfo>& records) {
     OrderedJson& entry = list.emplace_back(OrderedJson{{"name", record.name},
                                                        {"seed", record.seed},
                                                        {"frames", record.frames},
-                                                       {"checksum", record.checksum}});
+                                                       {"checksum", nullptr}});
+    if (!record.checksum.empty()) entry["checksum"] = record.checksum;
     if (!record.slide) continue;
     const Slide& slide = *record.slide;
     entry["slide"] = {{"first_contact", nullptr},
@@ -230,7 +224,7 @@ void check_version(const TensorFile& file) {
 }
 
 void check_hash(const std::string& file, const std::string& expected, const std::string& found) {
-  if (found != expected) {
+  if (!expected.empty() && found != expected) {
     throw InputError(text(file, ": expected the checksum ", expected, " of the manifest, found ",
                           found,
                           "; the file is damaged or not the one that belongs here: nmp data ",
@@ -248,6 +242,24 @@ Result to_matrix(const std::vector<T>& values, Index n_columns) {
 
 }  // namespace
 
+std::string record_name(const char* split, Index index) {
+  char digits[32];
+  std::snprintf(digits, sizeof digits, "%03lld", static_cast<long long>(index));
+  return text(split, "/", digits, ".safetensors");
+}
+
+bool stays_inside(const std::string& name) {
+  if (name.empty() || name.size() > 1024) return false;
+  const bool plain = std::all_of(name.begin(), name.end(), [](char c) {
+    return static_cast<unsigned char>(c) >= 0x20 && c != 0x7f && c != '\\' && c != ':';
+  });
+  if (!plain) return false;
+  const Path path(name);
+  return path.is_relative() && std::all_of(path.begin(), path.end(), [](const Path& part) {
+           return !part.empty() && part != "." && part != "..";
+         });
+}
+
 Path dataset_file(const Path& folder, const std::string& name) {
   std::error_code error;
   const Path root = fs::canonical(folder, error);
@@ -264,11 +276,11 @@ Path dataset_file(const Path& folder, const std::string& name) {
   return file;
 }
 
-Trajectory::Trajectory(const Path& path, const RecordInfo& info, Index n_vertices)
-    : Trajectory(TensorFile::open(path), info, n_vertices) {}
+Trajectory::Trajectory(const Path& path, const RecordInfo& info, Index n_vertices, double h)
+    : Trajectory(TensorFile::open(path), info, n_vertices, h) {}
 
-Trajectory::Trajectory(TensorFile tensors, const RecordInfo& info, Index n_vertices)
-    : info_(info), n_vertices_(n_vertices) {
+Trajectory::Trajectory(TensorFile tensors, const RecordInfo& info, Index n_vertices, double h)
+    : info_(info), n_vertices_(n_vertices), h_(h) {
   NMP_CHECK(info.frames >= 0 && info.frames < kMaxCount,
             text("frames must be from 0 to 2^31 - 2, got ", info.frames));
   NMP_CHECK(n_vertices >= 1, text("n_vertices must be >= 1, got ", n_vertices));
@@ -278,12 +290,14 @@ Trajectory::Trajectory(TensorFile tensors, const RecordInfo& info, Index n_verti
     return file->bytes(file->require(name, DType::f32, {info.frames + 1, n_vertices, 3}));
   };
   x_ = find("x");
-  v_ = find("v");
+  if (file->contains("v") || h == 0) v_ = find("v");
   if (file->contains("f_int")) f_int_ = find("f_int");
   file_ = std::move(file);
 }
 
-void Trajectory::verify() const { check_hash(file_->name(), info_.checksum, file_->hash()); }
+void Trajectory::verify() const {
+  if (!info_.checksum.empty()) check_hash(file_->name(), info_.checksum, file_->hash());
+}
 
 // The file is row-major, [t][vertex][xyz]; a batch is column-major. Files from elsewhere may have
 // their elements at any byte, hence memcpy (a plain load to the compiler).
@@ -309,7 +323,28 @@ void Trajectory::read_x(Index t, View<Real> x) const {
 
 template <class Real>
 void Trajectory::read_v(Index t, View<Real> v) const {
-  read<Real>(v_, t, v);
+  v_ == nullptr ? difference<Real>(t, v) : read<Real>(v_, t, v);
+}
+
+// v_t = sum_k w_k x_{from + k} / 2h.
+template <class Real>
+void Trajectory::difference(Index t, View<Real> v) const {
+  const Index n = frames();
+  NMP_CHECK(t >= 0 && t <= n, text("t must be from 0 to ", n, " in ", info_.name, ", got ", t));
+  NMP_CHECK(v.rows() == n_vertices_ && v.cols() == 3,
+            text("a frame is ", n_vertices_, " x 3, got ", shape(v)));
+  const Index from = std::clamp<Index>(t - 1, 0, std::max<Index>(0, n - 2));
+  std::vector<double> w{-1, 0, 1};
+  if (t == 0) w = {-3, 4, -1};
+  if (t == n) w = {1, -4, 3};
+  if (n == 1) w = {-2, 2};
+  if (n == 0) w = {0};  // a single state says nothing of its velocity
+  Matrix<double> x(n_vertices_, 3), sum = Matrix<double>::Zero(n_vertices_, 3);
+  for (std::size_t k = 0; k < w.size(); ++k) {
+    read_x<double>(from + static_cast<Index>(k), x);
+    sum += w[k] / (2 * h_) * x;
+  }
+  v = sum.cast<Real>();
 }
 
 template <class Real>
@@ -343,7 +378,8 @@ DatasetMesh read_mesh(const TensorFile& file, Index n_vertices, Index n_tets) {
       to_matrix<double, Matrix<double>>(file.values<double>("vertices", {n_vertices, 3}), 3);
   const auto tets =
       to_matrix<std::int32_t, fem::Tets>(file.values<std::int32_t>("tets", {n_tets, 4}), 4);
-  const auto pinned = file.values<std::int32_t>("pinned", {-1});
+  std::vector<std::int32_t> pinned;
+  if (file.contains("pinned")) pinned = file.values<std::int32_t>("pinned", {-1});
   if (!vertices.allFinite()) refuse(file.name(), "vertices", "finite numbers", "others");
   for (const std::int32_t vertex : pinned) {
     if (vertex < 0 || vertex >= vertices.rows()) {
@@ -362,9 +398,12 @@ Dataset Dataset::open(const Path& folder) {
   data.folder_ = folder;
   data.manifest_ = read_manifest(dataset_file(folder, kManifestName));
   Manifest& manifest = data.manifest_;
+  if (manifest.scene_name.empty())
+    manifest.scene_name = fs::weakly_canonical(folder).filename().string();
 
   const Path mesh_path = dataset_file(folder, kMeshName);
-  check_hash(mesh_path.string(), manifest.mesh_checksum, hash_file(mesh_path));
+  if (!manifest.mesh_checksum.empty())
+    check_hash(mesh_path.string(), manifest.mesh_checksum, hash_file(mesh_path));
   DatasetMesh mesh = read_mesh(TensorFile::open(mesh_path), manifest.n_vertices, manifest.n_tets);
   manifest.physics.pinned = std::move(mesh.pinned);
   data.mesh_ = std::make_shared<fem::TetMesh<double>>(std::move(mesh.mesh));
@@ -372,7 +411,7 @@ Dataset Dataset::open(const Path& folder) {
   const auto map_all = [&](const std::vector<RecordInfo>& records, std::vector<Trajectory>& out) {
     out.reserve(records.size());
     for (const RecordInfo& record : records) {
-      out.emplace_back(dataset_file(folder, record.name), record, manifest.n_vertices);
+      out.emplace_back(dataset_file(folder, record.name), record, manifest.n_vertices, manifest.h);
     }
   };
   map_all(manifest.train, data.train_);
@@ -423,11 +462,11 @@ void write_manifest(const Path& path, const Manifest& manifest) {
   json["gravity"] = {physics.gravity(0), physics.gravity(1), physics.gravity(2)};
   json["ground"] = nullptr;
   if (physics.ground) json["ground"] = *physics.ground;
-  json["material"] = {
-      {"law", nullptr}, {"E", material.E}, {"nu", material.nu}, {"density", material.density}};
-  if (manifest.law_known) json["material"]["law"] = material.law;
+  if (manifest.law_known)
+    json["material"] = {{"law", material.law}, {"E", material.E}, {"nu", material.nu}};
+  json["material"]["density"] = material.density;
   const fem::GroundContact& contact = physics.contact;
-  const bool projective = material.law == "projective";
+  const bool projective = manifest.law_known && material.law == "projective";
   if (projective || contact.law != "frictionless")
     json["contact"] = {{"law", contact.law}, {"friction", contact.friction}};
   if (projective) {
@@ -447,7 +486,8 @@ void write_manifest(const Path& path, const Manifest& manifest) {
   json["n_vertices"] = manifest.n_vertices;
   json["n_tets"] = manifest.n_tets;
   json["seed"] = manifest.seed;
-  json["mesh"] = {{"name", kMeshName}, {"checksum", manifest.mesh_checksum}};
+  json["mesh"] = {{"name", kMeshName}, {"checksum", nullptr}};
+  if (!manifest.mesh_checksum.empty()) json["mesh"]["checksum"] = manifest.mesh_checksum;
   json["train"] = json_records(manifest.train);
   json["validation"] = json_records(manifest.validation);
   json["checksum"] = std::string(kChecksumDigits, '0');
@@ -471,8 +511,11 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   check_own_checksum(root["checksum"], content);
 
   Manifest manifest;
-  manifest.scene_name = root["scene"]["name"].word();
-  manifest.scene_toml = root["scene"]["toml"].word();
+  if (root.tells("scene")) {
+    const Entry scene = root["scene"];
+    manifest.scene_name = scene["name"].word();
+    if (scene.tells("toml")) manifest.scene_toml = scene["toml"].word();
+  }
 
   fem::Physics& physics = manifest.physics;
   const auto vector = [](const Entry& entry) {
@@ -483,12 +526,17 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   };
   physics.gravity = vector(root["gravity"]);
   if (!root["ground"].is_null()) physics.ground = root["ground"].number(-1e9, 1e9);
-  const Entry material = root["material"];
-  manifest.law_known = !material["law"].is_null();
-  if (manifest.law_known) physics.material.law = material["law"].word();
-  physics.material.E = material["E"].number(0, 1e18);
-  physics.material.nu = material["nu"].number(-1, 0.5);
-  physics.material.density = material["density"].number(0, 1e18);
+  const bool has_material = root.tells("material");
+  const auto material = [&] { return root["material"]; };
+  if (has_material) material().check_object();
+  manifest.law_known = has_material && material().tells("law");
+  if (manifest.law_known) {
+    physics.material.law = material()["law"].word();
+    physics.material.E = material()["E"].number(0, 1e18);
+    physics.material.nu = material()["nu"].number(-1, 0.5);
+  }
+  if (manifest.law_known || (has_material && material().tells("density")))
+    physics.material.density = material()["density"].number(0, 1e18);
   const bool projective = physics.material.law == "projective";
   if (projective || root.has("contact")) {
     physics.contact.law = root["contact"]["law"].word();
@@ -500,7 +548,7 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   }
   if (projective) {
     const Entry contact = root["contact"];
-    physics.material.volume_weight = material["volume_weight"].number(0, 1e6);
+    physics.material.volume_weight = material()["volume_weight"].number(0, 1e6);
     physics.contact.k_n = contact["k_n"].number(0, 1e15);
     physics.contact.k_f = contact["k_f"].number(0, 1e15);
     physics.contact.penalty_friction = contact["penalty_friction"].number(0, 1e15);
@@ -515,8 +563,8 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   check("material", physics.material);
   check("contact", physics.contact);
 
-  manifest.dt = root["dt"].number(0, 1e6);
-  manifest.substeps = root["substeps"].integer(0, kMaxCount);
+  if (root.tells("dt")) manifest.dt = root["dt"].number(0, 1e6);
+  if (root.tells("substeps")) manifest.substeps = root["substeps"].integer(0, kMaxCount);
   manifest.h = root["h"].number(1e-15, 1e6);
   const double steps = manifest.dt * static_cast<double>(manifest.substeps);
   if (steps > 0 && std::abs(steps - manifest.h) > 1e-9 * manifest.h) {
@@ -526,12 +574,13 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
   manifest.frames = root["frames"].integer(1, kMaxCount - 1);
   manifest.n_vertices = root["n_vertices"].integer(4, kMaxCount);
   manifest.n_tets = root["n_tets"].integer(1, kMaxCount / 4);
-  manifest.seed = root["seed"].seed();
+  if (root.tells("seed")) manifest.seed = root["seed"].seed();
 
-  if (root["mesh"]["name"].word() != kMeshName) {
-    root["mesh"]["name"].fail(text("\"", kMeshName, "\""));
+  if (root.tells("mesh")) {
+    const Entry mesh = root["mesh"];
+    if (mesh["name"].word() != kMeshName) mesh["name"].fail(text("\"", kMeshName, "\""));
+    if (mesh.tells("checksum")) manifest.mesh_checksum = mesh["checksum"].checksum();
   }
-  manifest.mesh_checksum = root["mesh"]["checksum"].checksum();
   std::set<std::string> names;
   manifest.train = read_records(root["train"], manifest.frames, names);
   manifest.validation = read_records(root["validation"], manifest.frames, names);
@@ -539,7 +588,8 @@ Manifest parse_manifest(const std::string& content, const std::string& file) {
 }
 
 TrajectoryWriter::TrajectoryWriter(const Path& path, Index frames, Index n_vertices,
-                                   std::uint64_t seed, double h, const std::string& scene)
+                                   std::uint64_t seed, double h, const std::string& scene,
+                                   const std::vector<std::string>& tensors)
     : path_(path), n_vertices_(n_vertices), file_(std::make_unique<TensorFileWriter>(path)) {
   NMP_CHECK(
       frames >= 0 && n_vertices >= 1,
@@ -550,9 +600,8 @@ TrajectoryWriter::TrajectoryWriter(const Path& path, Index frames, Index n_verti
   file_->set_metadata("h", decimal(h));
   file_->set_metadata("seed", std::to_string(seed));
   if (!scene.empty()) file_->set_metadata("scene", scene);
-  for (const char* name : {"x", "v", "f_int"}) {
+  for (const std::string& name : tensors)
     file_->declare(name, DType::f32, {frames + 1, n_vertices, 3});
-  }
   file_->begin();
   row_major_.resize(static_cast<std::size_t>(n_vertices) * 3);
 }
@@ -561,19 +610,19 @@ TrajectoryWriter::~TrajectoryWriter() = default;
 
 void TrajectoryWriter::write(Index t, const ConstView<double>& x, const ConstView<double>& v,
                              const ConstView<double>& f_int) {
-  const Index n = 3 * n_vertices_;
-  const auto write_one = [&](const char* name, const ConstView<double>& values) {
-    NMP_CHECK(values.rows() == n_vertices_ && values.cols() == 3,
-              text(name, " must be ", n_vertices_, " x 3, got ", shape(values)));
-    float* to = row_major_.data();
-    for (Index i = 0; i < n_vertices_; ++i) {
-      for (Index k = 0; k < 3; ++k) *to++ = static_cast<float>(values(i, k));
-    }
-    file_->write(name, t * n, row_major_.data(), n);
-  };
-  write_one("x", x);
-  write_one("v", v);
-  write_one("f_int", f_int);
+  write(t, "x", x);
+  write(t, "v", v);
+  write(t, "f_int", f_int);
+}
+
+void TrajectoryWriter::write(Index t, const std::string& tensor, const ConstView<double>& values) {
+  NMP_CHECK(values.rows() == n_vertices_ && values.cols() == 3,
+            text(tensor, " must be ", n_vertices_, " x 3, got ", shape(values)));
+  float* to = row_major_.data();
+  for (Index i = 0; i < n_vertices_; ++i) {
+    for (Index k = 0; k < 3; ++k) *to++ = static_cast<float>(values(i, k));
+  }
+  file_->write(tensor, t * 3 * n_vertices_, row_major_.data(), 3 * n_vertices_);
 }
 
 std::string TrajectoryWriter::commit() {

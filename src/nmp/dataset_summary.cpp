@@ -124,8 +124,8 @@ std::string to_json(const DatasetSummary& summary) {
                   {"substeps", m.substeps},
                   {"bytes", summary.bytes},
                   {"law", m.law_known ? Json(physics.material.law) : Json()},
-                  {"E", physics.material.E},
-                  {"nu", physics.material.nu},
+                  {"E", m.law_known ? Json(physics.material.E) : Json()},
+                  {"nu", m.law_known ? Json(physics.material.nu) : Json()},
                   {"density", physics.material.density},
                   {"gravity", {g[0], g[1], g[2]}},
                   {"ground", physics.ground ? Json(*physics.ground) : Json()},
@@ -140,11 +140,13 @@ std::string to_text(const DatasetSummary& summary) {
   const fem::Physics& physics = m.physics;
   const fem::Material& material = physics.material;
   const auto& g = physics.gravity;
-  return text("scene         ", m.scene_name, ", seed ", m.seed, "\n",                           //
-              "body          ", m.n_vertices, " vertices, ", m.n_tets, " tetrahedra, ",          //
-              digits(summary.volume), " m3, ", physics.pinned.size(), " pinned\n",               //
-              "material      ", m.law_known ? material.law : "law unknown", ", E ", material.E,  //
-              " Pa, nu ", material.nu, ", density ", material.density, " kg/m3\n",               //
+  return text("scene         ", m.scene_name, ", seed ", m.seed, "\n",                   //
+              "body          ", m.n_vertices, " vertices, ", m.n_tets, " tetrahedra, ",  //
+              digits(summary.volume), " m3, ", physics.pinned.size(), " pinned\n",       //
+              "material      ",
+              m.law_known ? text(material.law, ", E ", material.E, " Pa, nu ", material.nu)
+                          : std::string("law unknown"),
+              ", density ", material.density, " kg/m3\n",  //
               "surroundings  gravity (", g[0], ", ", g[1], ", ", g[2], ") m/s2, ",
               physics.ground ? text("ground at z = ", *physics.ground, " m\n") : "no ground\n",
               "time          ", m.frames, " frames of h = ", m.h, " s",

@@ -48,7 +48,7 @@ class Verifier {
         attempt(record.name, [&] {
           const Path path = dataset_file(folder_, record.name);
           check_hash(record.name, path, record.checksum);
-          verify(Trajectory(path, record, manifest_.n_vertices));
+          verify(Trajectory(path, record, manifest_.n_vertices, manifest_.h));
         });
         if (progress_) progress_(static_cast<double>(check_.n_files - 2) / n);
       }
@@ -75,6 +75,10 @@ class Verifier {
   }
 
   void check_hash(const std::string& file, const Path& path, const std::string& expected) {
+    if (expected.empty()) {
+      ++check_.n_without_checksum;
+      return;
+    }
     const std::string found = hash_file(path);
     if (found != expected)
       add(file, text("expected the checksum ", expected, " of the manifest, found ", found));
@@ -100,7 +104,7 @@ class Verifier {
                                        ": expected finite numbers, found others"));
       };
       check_finite("x", x);
-      check_finite("v", v);
+      if (record.has_velocity()) check_finite("v", v);
       if (record.has_force()) {
         record.read_force<double>(t, f_int);
         check_finite("f_int", f_int);
@@ -108,7 +112,8 @@ class Verifier {
       if (finite && mesh_) {
         check_pins(frame, x, v, not_pinned);
         check_elements(frame, x, inverted);
-        if (finite_before) check_motion(frame, x_before, v_before, x, v, jumps);
+        if (finite_before && record.has_velocity())
+          check_motion(frame, x_before, v_before, x, v, jumps);
       }
       finite_before = finite;
       x_before = x;
@@ -197,7 +202,10 @@ DatasetCheck verify_dataset(const Path& folder, const std::function<void(double)
 
 std::string to_json(const DatasetCheck& check) {
   using Json = nlohmann::ordered_json;
-  Json json{{"files", check.n_files}, {"ok", check.problems.empty()}, {"problems", Json::array()}};
+  Json json{{"files", check.n_files},
+            {"without_checksum", check.n_without_checksum},
+            {"ok", check.problems.empty()},
+            {"problems", Json::array()}};
   for (const DatasetProblem& problem : check.problems)
     json["problems"].push_back({{"file", problem.file}, {"what", problem.what}});
   return json.dump(1, ' ', false, Json::error_handler_t::replace);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -181,7 +182,9 @@ Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateO
     touch.push_back(bench.first_touch(all[i]));
   }
   result.modules = module_errors(model, dataset, chosen, longest);
-  result.force_error = result.modules.stress.relative;
+  result.force_error = result.modules.trajectories.empty()
+                           ? std::numeric_limits<double>::quiet_NaN()
+                           : result.modules.stress.relative;
 
   Index done = 0;
   for (const std::string& method : methods) {
@@ -263,7 +266,7 @@ std::string to_json(const Evaluation& evaluation) {
   json["split"] = evaluation.split;
   json["trajectories"] = evaluation.n_trajectories;
   json["frames"] = evaluation.frames;
-  json["force_error"] = evaluation.force_error;
+  json["force_error"] = evaluation.force_error;  // null if it is NaN
   json["modules"] = describe(evaluation.modules);
   const auto neural = evaluation.methods.find("neural");
   json["diverged"] = neural == evaluation.methods.end() ? 0 : neural->second.diverged;
@@ -327,8 +330,12 @@ std::string to_table(const Evaluation& evaluation) {
     cell(value ? number(value->rmse) : "-");
   }
   out << "\n";
-  out << "relative error of the stress net's forces along the truth: "
-      << number(100 * evaluation.force_error) << " %\n";
+  if (std::isnan(evaluation.force_error)) {
+    out << "no forces are recorded: the modules' own errors are unknown\n";
+  } else {
+    out << "relative error of the stress net's forces along the truth: "
+        << number(100 * evaluation.force_error) << " %\n";
+  }
   for (const ModuleErrors::Window& window : evaluation.modules.windows) {
     out << "relative error of the integrator's velocity change along the truth, over " << window.n
         << (window.n == 1 ? " frame: " : " frames: ") << number(100 * window.error.relative)

@@ -43,7 +43,8 @@ struct Evaluation {
   std::string scene, model, dataset, split;
   Index n_trajectories = 0, frames = 0;
   std::map<std::string, MethodResult> methods;
-  /// Of the stress net along the truth, every 10th frame: modules.stress.relative.
+  /// Of the stress net along the truth, every 10th frame: modules.stress.relative; NaN if no force
+  /// was recorded.
   double force_error = 0;
   ModuleErrors modules;  // of both modules along the truth; empty if no force was recorded
 };

@@ -87,7 +87,7 @@ class PairsLoss : public TrainingLoss {
     if (!dataset.manifest().law_known)
       throw ConfigError(
           "train.constitutive.method = \"pairs\" needs a dataset whose law is known; use "
-          "\"rollout\" for one that was recorded elsewhere");
+          "\"rollout\" for one that was recorded elsewhere, as 'nmp train positions' does");
     const fem::TetMesh<double>& mesh = dataset.mesh();
     const auto law = fem::make_law<double>(dataset.manifest().physics.material);
 

@@ -215,11 +215,13 @@ std::string headline_section(const Result& result, bool name_model) {
     html += "<p class=\"lead\">After " + std::to_string(last) +
             " frames the neural simulator is <b>" + length(error.mean) +
             "</b> from the recorded motion (root mean square over the vertices).</p>\n";
-    html +=
-        "<div class=\"tiles\">\n" + tile(length(error.mean), text("RMSE at frame ", last)) +
-        tile(percent(error.relative), "of the recorded displacement") +
-        tile(percent(result.force_error), "error of the learned law's forces along the recording") +
-        tile(text(neural->diverged, " of ", result.trajectories), "rollouts diverged") + "</div>\n";
+    html += "<div class=\"tiles\">\n" + tile(length(error.mean), text("RMSE at frame ", last)) +
+            tile(percent(error.relative), "of the recorded displacement") +
+            (result.force_error ? tile(percent(*result.force_error),
+                                       "error of the learned law's forces along the recording")
+                                : "") +
+            tile(text(neural->diverged, " of ", result.trajectories), "rollouts diverged") +
+            "</div>\n";
   }
   return html + findings(result) + "</section>\n";
 }

@@ -117,7 +117,7 @@ Result parse_evaluation(const std::string& document) {
   result.split = json.at("split").get<std::string>();
   result.trajectories = count(json.at("trajectories"));
   result.frames = count(json.at("frames"));
-  result.force_error = number(json.at("force_error"));
+  if (!json.at("force_error").is_null()) result.force_error = number(json.at("force_error"));
   if (json.contains("modules")) result.modules = parse_modules(json.at("modules"));
   for (const auto& [name, horizons] : json.at("methods").items()) {
     Method method;

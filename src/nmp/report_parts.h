@@ -47,7 +47,7 @@ struct Modules {
 struct Result {
   std::string scene, model, split;
   long trajectories = 0, frames = 0;
-  double force_error = 0;
+  std::optional<double> force_error;  // none: no forces were recorded
   Modules modules;
   std::vector<Method> methods;  // in the order in which they are shown
   std::vector<long> horizons;

@@ -133,10 +133,9 @@ class RolloutLoss : public TrainingLoss {
         mesh_(setting_.mesh()),
         plan_(plan_segments(trajectories, stage, Random(seed).split("segments"))),
         has_energy_(learned == Learned::both && stage.energy_weight > 0) {
-    if (learned != Learned::both && !dataset.manifest().law_known)
+    if (learned == Learned::integrator && !dataset.manifest().law_known)
       throw ConfigError(
-          "training one module through its analytic twin needs a dataset whose law and "
-          "density are known");
+          "training the integrator beside the analytic law needs a dataset whose law is known");
     if (has_energy_ && !model.stress.has_energy())
       throw ConfigError(
           "joint.energy_weight needs a law with an energy: set model.stress.form = \"energy\", or "
@@ -148,7 +147,9 @@ class RolloutLoss : public TrainingLoss {
     variances_ = dataset_variances(dataset, trajectories, has_energy_);
     has_force_ = variances_.f > 0 && !positions_only();
     if (learned == Learned::law && !has_force_ && !positions_only())
-      throw InputError("the law is trained on f_int, which the training trajectories do not hold");
+      throw InputError(
+          "the law is trained on f_int, which the training trajectories do not hold: "
+          "train.constitutive.observed = \"positions\" does without, as in 'nmp train positions'");
     x_true_.resize(mesh_.n_vertices(), 3);
     v_true_ = f_true_ = x_true_;
   }
@@ -212,7 +213,6 @@ class RolloutLoss : public TrainingLoss {
     const ad::Var<float> dv = simulation.integrator.dv(context, x, v, f_int);
 
     truth.read_x<float>(t, x_true_);
-    truth.read_v<float>(t, v_true_);
     ad::Tape<float>& tape = x.tape();
     ad::Var<float> loss = tape.constant(Matrix<float>::Zero(1, 1));
     const auto add_term = [&](ad::Var<float> error, double variance, double weight = 1) {
@@ -229,6 +229,7 @@ class RolloutLoss : public TrainingLoss {
     if (!first) {
       add_term(ad::subtract(x, tape.constant(x_true_)), variances_.dx);
       if (learned_ != Learned::law && !positions_only()) {
+        truth.read_v<float>(t, v_true_);
         const ad::Var<float> reported = ad::add(v, ad::scale(dv, simulation.stagger));
         add_term(ad::multiply(ad::subtract(reported, tape.constant(v_true_)), velocity_mask(tape)),
                  variances_.dv);

@@ -55,8 +55,7 @@ IntegrationScales integration_scales(const Dataset& dataset, const IntegrationNe
       sum_x += (x.rowwise() - centroid).squaredNorm();
       sum_v += v.squaredNorm();
       sum_a += (v_next - v).squaredNorm();
-      if (!trajectory.has_force()) continue;
-      trajectory.read_force<double>(t, f);
+      read_or_estimate_force(dataset, trajectory, t, f);
       if (!raw_force)
         f.array().colwise() *= dataset.mesh().reciprocal_vertex_volumes().col(0).array();
       sum_f += f.squaredNorm();
@@ -102,8 +101,8 @@ StressScales stress_scales(const Dataset& dataset) {
         const auto P = law->stress(F).value();
         sum_P += P.squaredNorm();
         n_P += static_cast<double>(P.size());
-      } else if (trajectory.has_force()) {
-        trajectory.read_force<double>(t, batch);
+      } else {
+        read_or_estimate_force(dataset, trajectory, t, batch);
         sum_P += batch.squaredNorm() / std::pow(mesh.mean_edge_length(), 4);
         n_P += static_cast<double>(batch.size());
       }
@@ -178,11 +177,27 @@ class Run {
   // closed form.
   void integration() {
     const StageConfig& stage = config_.integrate;
-    if (model_.integration.affine() && state_.done.insert("fit").second) {
-      const AffineFit fit = fit_affine(dataset_, learn_, stage.fit_window, model_.info.stagger);
-      model_.integration.set_affine(fit.alpha, fit.b);
-      model_.info.affine_alpha = fit.alpha;
-      model_.info.affine_b = fit.b;
+    if (model_.integration.affine() && state_.done.insert("fit").second) set_affine(stage);
+    if (done("integration", stage)) return;
+    if (!setting_.law_known())
+      throw ConfigError(
+          "the integration stage needs a dataset whose law is known, since its rollouts use it: "
+          "leave it out, --set train.integration.iterations=0" +
+          positions_hint());
+    const auto loss =
+        stage.method == "windows"
+            ? make_windows_loss(model_, dataset_, learn_, stage, config_.seed)
+            : make_rollout_loss(model_, dataset_, learn_, stage, Learned::integrator, config_.seed);
+    optimise({"integration", "analytic law, neural integrator"}, stage, *loss,
+             model_.integration.parameters(), simulation(setting_.law(), model_.integration));
+  }
+
+  // The affine part in closed form, from recorded forces; without them it is what the manifest says
+  // of the body and its surroundings.
+  void set_affine(const StageConfig& stage) {
+    AffineFit fit;
+    if (has_forces()) {
+      fit = fit_affine(dataset_, learn_, stage.fit_window, model_.info.stagger);
       say(text("affine part from ", fit.n_equations, " windows of ", stage.fit_window,
                " frames: 1/alpha = ", 1 / fit.alpha, " kg/m3, b = (", fit.b[0], ", ", fit.b[1],
                ", ", fit.b[2], ") m/s2, rms left ", fit.residual, " m/s2"));
@@ -190,17 +205,27 @@ class Run {
            {"alpha", fit.alpha},
            {"b", {fit.b[0], fit.b[1], fit.b[2]}},
            {"residual", fit.residual}});
+    } else {
+      const fem::Physics& physics = dataset_.manifest().physics;
+      fit.alpha = 1 / physics.material.density;
+      fit.b = physics.gravity;
+      say(
+          text("no forces are recorded: the affine part of the integrator is the manifest's "
+               "density, ",
+               physics.material.density, " kg/m3, and gravity, (", fit.b[0], ", ", fit.b[1], ", ",
+               fit.b[2], ") m/s2"));
     }
-    if (done("integration", stage)) return;
-    if (!setting_.law_known())
-      throw ConfigError(
-          "the integration stage needs a dataset whose law is known: its rollouts use it");
-    const auto loss =
-        stage.method == "windows"
-            ? make_windows_loss(model_, dataset_, learn_, stage, config_.seed)
-            : make_rollout_loss(model_, dataset_, learn_, stage, Learned::integrator, config_.seed);
-    optimise({"integration", "analytic law, neural integrator"}, stage, *loss,
-             model_.integration.parameters(), simulation(setting_.law(), model_.integration));
+    model_.integration.set_affine(fit.alpha, fit.b);
+    model_.info.affine_alpha = fit.alpha;
+    model_.info.affine_b = fit.b;
+  }
+
+  bool has_forces() const {
+    return std::all_of(learn_.begin(), learn_.end(),
+                       [](const Trajectory* trajectory) { return trajectory->has_force(); });
+  }
+  std::string positions_hint() const {
+    return has_forces() ? "" : "; 'nmp train positions' learns from positions alone";
   }
 
   // Stage 2: both together, with the volume hinge.

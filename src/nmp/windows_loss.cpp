@@ -25,11 +25,18 @@ class WindowsLoss : public TrainingLoss {
     for (const int i : pinned) is_pinned[static_cast<std::size_t>(i)] = 1;
     for (Index i = 0; i < dataset.mesh().n_vertices(); ++i)
       if (!is_pinned[static_cast<std::size_t>(i)]) free_.push_back(i);
-    for (const Trajectory* trajectory : trajectories)
+    for (const Trajectory* trajectory : trajectories) {
+      if (!trajectory->has_force())
+        throw InputError(
+            text(trajectory->name(),
+                 ": expected the tensor f_int, from which "
+                 "train.integration.method = \"windows\" learns, found none; leave the "
+                 "stage out, --set train.integration.iterations=0"));
       if (trajectory->frames() < stage.window_end)
         throw InputError(text(trajectory->name(), " has ", trajectory->frames(),
                               " frames, fewer than the longest window of ", stage.window_end,
                               "; choose a shorter one with train.integration.window_end"));
+    }
   }
 
   ad::Var<float> operator()(ad::Tape<float>& tape, Index iteration) override {

@@ -1,4 +1,4 @@
-// Trajectory files of two frames of four vertices: reads every state.
+// Trajectory files of two frames of four vertices, with velocities or without: reads every state.
 #include "fuzz/fuzz.h"
 #include "fuzz/tensor_mutator.h"
 #include "nmp/dataset.h"
@@ -8,7 +8,7 @@ using namespace nmp;
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto read = [&] {
     return Trajectory(TensorFile::parse(reinterpret_cast<const std::byte*>(data), size, "fuzz"),
-                      {"fuzz", 0, 1, ""}, 4);
+                      {"fuzz", 0, 1, ""}, 4, 5e-4);
   };
   return fuzz::run(read, [&](const Trajectory& trajectory) {
     Matrix<double> f_int(4, 3);

@@ -78,6 +78,37 @@ inline std::string write_record(const Path& path, const Record& record, bool wit
   return hash_file(path);
 }
 
+/// A dataset as another program writes it: positions, of a body whose law, steps and checksums are
+/// not told.
+inline Dataset write_positions(const Path& folder, const Dataset& dataset) {
+  std::filesystem::create_directories(folder / "train");
+  std::filesystem::create_directories(folder / "val");
+  Manifest manifest = dataset.manifest();
+  manifest.scene_name = manifest.scene_toml = manifest.mesh_checksum = "";
+  manifest.law_known = false;
+  manifest.dt = 0;
+  manifest.substeps = 0;
+  write_mesh(folder / "mesh.safetensors", dataset.mesh(), manifest.physics.pinned);
+  Matrix<double> x(manifest.n_vertices, 3);
+  const auto write = [&](const std::vector<Trajectory>& trajectories,
+                         std::vector<RecordInfo>& infos) {
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+      infos[i].checksum = "";
+      TrajectoryWriter writer(folder / infos[i].name, infos[i].frames, manifest.n_vertices, 0,
+                              manifest.h, "", {"x"});
+      for (Index t = 0; t <= infos[i].frames; ++t) {
+        trajectories[i].read_x<double>(t, x);
+        writer.write(t, "x", x);
+      }
+      writer.commit();
+    }
+  };
+  write(dataset.train(), manifest.train);
+  write(dataset.validation(), manifest.validation);
+  write_manifest(folder / "manifest.json", manifest);
+  return Dataset::open(folder);
+}
+
 struct Recording {
   fem::TetMesh<double> mesh = fem::cube_mesh(3, 1);
   fem::Physics physics;

@@ -202,6 +202,85 @@ TEST_SUITE("nmp/dataset") {
                     InputError);
   }
 
+  TEST_CASE("velocities that are not recorded are differences, exact for a parabola") {
+    const test::Folder folder;
+    const Path path = folder / "x.safetensors";
+    for (const Index frames : {0, 1, 2, 5}) {
+      CAPTURE(frames);
+      const double h = 0.25;
+      const Matrix<double> p = random_frame(4, 1).cast<float>().cast<double>();
+      {
+        TrajectoryWriter writer(path, frames, 4, 0, h, "", {"x"});
+        for (Index t = 0; t <= frames; ++t) {
+          const double time = h * static_cast<double>(t);
+          writer.write(t, "x", (1 + 2 * time + 4 * time * time) * p);
+        }
+        CHECK_THROWS_AS(writer.write(0, "v", p), std::invalid_argument);
+        writer.commit();
+      }
+      const RecordInfo info{"x.safetensors", 0, frames, ""};
+      CHECK(contains(test::message<InputError>([&] { Trajectory(path, info, 4); }), "tensor 'v'"));
+      const Trajectory trajectory(path, info, 4, h);
+      CHECK_FALSE(trajectory.has_velocity());
+      CHECK_FALSE(trajectory.has_force());
+      Matrix<double> v(4, 3), wrong(5, 3);
+      for (Index t = 0; t <= frames; ++t) {
+        trajectory.read_v<double>(t, v);
+        const double slope = frames == 0   ? 0
+                             : frames == 1 ? 2 + 4 * h
+                                           : 2 + 8 * h * static_cast<double>(t);
+        CHECK((v - slope * p).cwiseAbs().maxCoeff() < 1e-5);  // measured 3e-6: x is float
+      }
+      CHECK_THROWS_AS(trajectory.read_v<double>(frames + 1, v), std::invalid_argument);
+      CHECK_THROWS_AS(trajectory.read_v<double>(0, wrong), std::invalid_argument);
+    }
+  }
+
+  TEST_CASE("a manifest of another program needs no checksums, steps, seeds, law or scene") {
+    const test::Folder folder;
+    const Manifest written = write_dataset(folder.path());
+    const auto put_manifest = [&](const std::string& more) {
+      put(folder / "manifest.json",
+          R"({"format": "nmp-dataset", "version": 1, "checksum": null, "gravity": [0, 0, -9.8],
+              "ground": null, "h": 5e-4, "frames": 3, "n_vertices": 27, "n_tets": )" +
+              std::to_string(written.n_tets) +
+              R"(, "train": [{"name": "train/000.safetensors"}], "validation": [])" + more + "}");
+    };
+    put_manifest("");
+    const Dataset data = Dataset::open(folder.path());
+    const Manifest& manifest = data.manifest();
+    CHECK(manifest.scene_name == folder.path().filename().string());
+    CHECK_FALSE(manifest.law_known);
+    CHECK(manifest.physics.material.density == 1000);
+    CHECK(manifest.dt == 0);
+    CHECK(data.train()[0].frames() == 3);
+    CHECK_NOTHROW(data.verify());
+    CHECK(data.stagger() == 0.5);
+    put_manifest(R"(, "material": {"density": 7, "E": null}, "dt": null, "mesh": null)");
+    CHECK(Dataset::open(folder.path()).manifest().physics.material.density == 7);
+    for (const auto& each : std::vector<std::pair<const char*, const char*>>{
+             {R"(, "material": {"law": "stvk"})", "material.E: expected a value, found none"},
+             {R"(, "material": [])", "material: expected an object"},
+             {R"(, "material": {"density": -7})", "material.density: expected a number"},
+             {R"(, "mesh": {"checksum": null})", "mesh.name: expected a value"},
+             {R"(, "mesh": {"name": "mesh.safetensors", "checksum": "1"})", "mesh.checksum"},
+             {R"(, "seed": -1)", "seed: expected an integer"}}) {
+      const char* const more = each.first;
+      CAPTURE(more);
+      put_manifest(more);
+      CHECK(
+          contains(test::message<InputError>([&] { Dataset::open(folder.path()); }), each.second));
+    }
+    // What it says of itself goes in and out unchanged.
+    Manifest bare = manifest;
+    bare.train[0].checksum = bare.mesh_checksum = "";
+    write_manifest(folder / "manifest.json", bare);
+    const Manifest again = read_manifest(folder / "manifest.json");
+    CHECK_FALSE(again.law_known);
+    CHECK(again.train[0].checksum.empty());
+    CHECK(again.mesh_checksum.empty());
+  }
+
   TEST_CASE("a file above 4 GB is read at its end") {
     const test::Folder folder;
     const Path path = folder / "big.safetensors";

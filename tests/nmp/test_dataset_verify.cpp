@@ -78,6 +78,25 @@ TEST_SUITE("nmp/dataset_verify") {
     }
   }
 
+  TEST_CASE("positions without checksums are verified as far as that goes, and it is told") {
+    const test::Folder folder;
+    generate_dataset(scene_with(1, true), folder / "d");
+    test::write_positions(folder / "p", Dataset::open(folder / "d"));
+    const DatasetCheck check = verify_dataset(folder / "p");
+    CHECK(check.n_files == 4);
+    CHECK(check.n_without_checksum == 3);
+    for (const DatasetProblem& problem : check.problems) FAIL_CHECK(problem.what);
+    CHECK(contains(to_json(check), "\"without_checksum\": 3"));
+    Dataset::open(folder / "p").verify();
+    CHECK(verify_dataset(folder / "d").n_without_checksum == 0);
+    // A value that is not finite is still seen.
+    const Path file = folder / "p/train/000.safetensors";
+    std::string bytes = get(file);
+    bytes.replace(bytes.size() - 4, 4, "\xff\xff\xff\xff");
+    put(file, bytes);
+    CHECK(contains(problems(folder / "p"), "x of vertex 26: expected finite"));
+  }
+
   TEST_CASE("all that is wrong is listed, not only the first") {
     const test::Folder folder;
     Scene scene = scene_with(5, false);

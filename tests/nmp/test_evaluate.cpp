@@ -230,6 +230,12 @@ TEST_SUITE("nmp/evaluate") {
     CHECK(names(evaluate(affine, unknown, at({5}))) ==
           Names{"neural", "residual_zeroed", "ballistic", "rest"});
     CHECK_THROWS_AS(evaluate(affine, unknown, at({5}, {"coarse_physics"})), ConfigError);
+    // Without forces the modules' own errors are unknown, not zero.
+    const Evaluation positions =
+        evaluate(affine, test::write_positions(folder / "p", unknown), at({5}));
+    CHECK(positions.methods.at("neural").horizons.at(5).rmse.mean > 0);
+    CHECK(contains(to_json(positions), "\"force_error\": null"));
+    CHECK(contains(to_table(positions), "no forces are recorded"));
     CHECK_THROWS_AS(evaluate(density, data, at({5}, {"affine_only"})), ConfigError);
   }
 

@@ -136,6 +136,6 @@ TEST_SUITE("nmp/train_config") {
                    "which method pairs reads"));
     CHECK(contains(refusal("[model.stress]\nhidden = [0]\n"), "a.toml:2:11: model.stress.hidden"));
     CHECK(contains(test::message<ConfigError>([] { read_train_config("fats"); }),
-                   "that ships (accurate, fast, friction, nclaw, paper, transfer)"));
+                   "that ships (accurate, fast, friction, nclaw, paper, positions, transfer)"));
   }
 }

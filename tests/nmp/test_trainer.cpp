@@ -342,6 +342,51 @@ TEST_SUITE("nmp/trainer") {
                     std::invalid_argument);
   }
 
+  TEST_CASE("a record of positions alone, of an unknown law, trains both modules") {
+    const test::Folder folder;
+    const Dataset data = test::write_positions(folder.path(), tiny_dataset());
+    TrainConfig config = tiny_config();
+    config.constitutive.method = "rollout";
+    config.constitutive.observed = config.joint.observed = "positions";
+    config.constitutive.iterations = 60;
+    config.constitutive.lr = 2e-2;
+    config.constitutive.clip = 0.1;
+    config.constitutive.reset_start = config.constitutive.reset_end = 20;
+    config.integrate.iterations = 0;
+    config.joint.volume_weight = 0;
+    Traced run(config, data);
+    // The scale of stresses and forces comes from accelerations: that of recorded forces within 2.
+    const auto forces = test::read_recording(tiny_dataset());
+    auto unknown = forces;
+    unknown.law_known = false;
+    const test::Folder with_forces;
+    const Model<float> model = make_model(config, test::write_dataset(with_forces.path(), unknown));
+    CHECK(run.model.stress.scale() / model.stress.scale() == doctest::Approx(1).epsilon(0.5));
+    CHECK(run.model.integration.scales().f / model.integration.scales().f ==
+          doctest::Approx(1).epsilon(0.5));
+    const TrainResult result = train(run.model, data, config, run.options);
+    REQUIRE(result.stages.size() == 2);
+    CHECK(result.stages[0].rmse_kept < 0.8 * result.stages[0].rmse_before);  // measured 0.71
+    CHECK(run.model.info.affine_alpha == 1e-3);
+    CHECK(run.model.info.affine_b == Vec3<double>(0, 0, -9.8));
+    CHECK(contains(run.said[1] + run.said[2] + run.said[3], "no forces are recorded"));
+    // What needs more says so, and what to do.
+    const auto refusal = [&](const std::string& stage, const TrainConfig& c) {
+      TrainOptions options;
+      options.stage = stage;
+      try {
+        train(run.model, data, c, options);
+      } catch (const std::exception& error) {
+        return std::string(error.what());
+      }
+      return std::string();
+    };
+    CHECK(contains(refusal("constitutive", tiny_config()), "nmp train positions"));
+    CHECK(contains(refusal("integration", tiny_config()), "nmp train positions"));
+    config.constitutive.observed = "all";
+    CHECK(contains(refusal("constitutive", config), "observed = \"positions\""));
+  }
+
   TEST_CASE("windows may draw their vertices from those on the ground") {
     // The bottom of a cube lies still, the rest is shaken by forces that nobody tells.
     test::Recording recording;

@@ -8,8 +8,9 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 # 1. Help and version.
 expect 0 --version && prints "nmp "
 expect 0 --help && prints "Example"
-for command in data "data gen" "data info" "data verify" train rollout eval fit report view grad-check bench \
-  reproduce "reproduce table1" "reproduce std" model "model info"; do
+for command in data "data gen" "data import" "data info" "data verify" train rollout export eval fit report view \
+  grad-check bench reproduce "reproduce table1" "reproduce std" model "model info" config "config list" \
+  "config scene" "config train" help completion; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
   grep -q '^  nmp ' stdout || complain "nmp $command --help has no example line"
@@ -18,7 +19,7 @@ done
 # 2. Command lines that are wrong: 2, nothing on stdout, and a hint.
 expect 2 && says "command" && silent
 expect 2 trian && says "did you mean train?" && silent
-expect 2 data && says "gen, info, verify"
+expect 2 data && says "gen, import, info, verify"
 expect 2 data inof && says "did you mean info?"
 expect 2 eval --modle x && says "did you mean --model?" && silent
 expect 2 eval && says "--model"
@@ -42,7 +43,7 @@ expect 2 data gen "$(head -c 5000 /dev/zero | tr '\0' x)" -o d
 expect 5 data info no_such_folder && says "no_such_folder"
 expect 5 eval --model no_such_model --data no_such_folder && says "no_such_model"
 expect 5 grad-check --model no_such_model && silent
-echo "not a model" >text
+echo "not a model" >text && cp text text.pvd
 expect 3 grad-check --model text && says "text"
 mkdir -p wrong && echo "{" >wrong/manifest.json
 expect 3 data info wrong && says "manifest.json"
@@ -110,6 +111,34 @@ expect 4 rollout --data d --constitutive neo-hookean --integrator semi-implicit 
   -o diverged.safetensors && says "after frame"
 [ -s diverged.safetensors ] || complain "a rollout that diverged left no frames"
 expect 3 rollout --model r.safetensors --data d && says "not a model"
+
+# What is exported: what there is to see, from where, and nothing in the way of it.
+expect 0 export --data d -o frames --json && is_json && prints '"record": null'
+[ "$(find frames -name 'frame_*.vtu' | wc -l)" -eq 25 ] || complain "not a file for each frame"
+[ "$(grep -c '<DataSet' frames/frames.pvd)" -eq 25 ] || complain "the collection lacks frames"
+expect 2 export --data d -o frames && says "--force"
+expect 0 export r.safetensors --data d -o frames --force --every 10 --stress &&
+  prints "3 frames of r.safetensors, errors against val/000.safetensors"
+grep -q 'Name="von_mises"' frames/frame_0020.vtu || complain "the frames lack stresses"
+[ ! -e frames/frame_0001.vtu ] || complain "frames of an earlier export stayed"
+expect 0 export r.safetensors --data hit -o other.pvd && says "no record of hit has this start"
+expect 0 export --data d --split train --trajectory 1 --format obj -o surfaces --every 12
+[ "$(grep -c '^v ' surfaces/frame_0024.obj)" -eq 26 ] || complain "a surface of another size"
+expect 0 export r.safetensors --data d -o cache.pc2
+[ "$(stat -c %s cache.pc2)" -eq $((32 + 25 * 26 * 12)) ] && [ -s cache.obj ] ||
+  complain "a point cache of another size"
+expect 2 export r.safetensors -o e && says "--data"
+expect 2 export --mesh m.msh -o e && says "ROLLOUT"
+expect 2 export r.safetensors --data d --mesh m.msh -o e && says "both"
+expect 2 export --data d --trajectory 2 -o e && says "from 0"
+expect 2 export --data d -o e --format usd
+expect 3 export m.safetensors --data d -o e && says "tensor 'x'"
+expect 5 export missing --data d -o e
+(ulimit -f 2 && exec "$nmp" export --data d -o e) >stdout 2>stderr
+[ $? -eq 5 ] || complain "frames that cannot be written are not exit code 5"
+says "e/frame_0000.vtu: cannot write"
+[ -z "$(find . -name '.e.*')" ] || complain "a failed export left its temporary folder"
+[ ! -e e ] || complain "a refused export left something"
 expect 0 report --model m.safetensors --data d -o r.html --json && is_json
 expect 2 report --model m.safetensors --data d -o r.html && says "--force"
 expect 0 report --model m.safetensors --data d --eval eval.json --eval eval.json -o two.html
@@ -154,6 +183,54 @@ expect 5 view no_such_folder -o bad.html && says "no such file or folder"
 expect 5 view d -o no_such_folder/v.html
 [ ! -e bad.html ] || complain "a refused view left a file"
 expect 0 grad-check --json && is_json && prints '"group": "rollout"'
+
+# Another program's frames become a dataset; without v and f_int as positions.
+expect 0 export --data d --split train -o f0
+expect 0 export --data d --split train --trajectory 1 -o f1
+around=(--gravity 0,0,-9.8 --ground 0)
+expect 0 data import f0/frames.pvd f1/frames.pvd --validation frames/frames.pvd --resample 5e-4 \
+  "${around[@]}" -o imported --json && is_json && prints '"validation": 1'
+expect 0 data verify imported && prints "5 files, nothing wrong"
+expect 0 data info imported && prints "law unknown"
+expect 2 data import f0/frames.pvd f1/frames.pvd "${around[@]}" -o imported && says "--force"
+expect 0 data import f0/frames.pvd f1/frames.pvd --force --scene d/scene.toml -o imported
+cmp <(tail -c 1944 imported/train/001.safetensors) <(tail -c 1944 d/train/001.safetensors) ||
+  complain "the last states came back changed"
+expect 0 train fast --data imported -o i.safetensors "${quick[@]}"
+expect 2 data import f0/frames.pvd -o new && says "--gravity"
+expect 2 data import f0/frames.pvd "${around[@]}" --E 1e5 -o new && says "--law"
+expect 2 data import f0/frame_0000.vtu "${around[@]}" -o new && says ".pvd"
+expect 3 data import f0/frames.pvd "${around[@]}" --displacement u -o new && says "'u'"
+expect 3 data import text.pvd "${around[@]}" -o new && says "text.pvd:1"
+expect 5 data import missing.pvd "${around[@]}" -o new
+[ ! -e new ] || complain "a refused import left something"
+
+# The positions of a recording whose law nobody knows.
+expect 0 train positions --data imported -o p.safetensors --force --set train.constitutive.iterations=3 \
+  --set train.joint.iterations=1 --set train.joint.reset_start=8 --set train.joint.reset_end=8 \
+  --set train.integration.fit_window=6
+
+# What ships can be read from the program alone.
+expect 0 config list && prints "cubexl" && prints "positions"
+expect 0 config list --json && is_json
+expect 0 config scene cube && cp stdout shipped_cube.toml
+expect 0 data gen shipped_cube.toml -o from_shipped "${tiny[@]}"
+cmp -s from_shipped/train/000.safetensors d/train/000.safetensors || complain "another cube"
+expect 0 config train fast && prints 'method = "windows"'
+expect 2 config scene cubex && says "did you mean cube"
+expect 2 config train cube && says "accurate"
+expect 2 config && says "list, scene, train"
+
+# The pages, and the shell's Tab key.
+expect 0 help && prints "formats" && prints "embedding"
+expect 0 help formats && prints "manifest.json"
+expect 2 help formast && says "did you mean formats"
+expect 0 completion bash && cp stdout completion
+bash -c 'source ./completion; COMP_WORDS=(nmp data ver); COMP_CWORD=2; _nmp
+  [ "${COMPREPLY[*]}" = verify ]
+  COMP_WORDS=(nmp train --check); COMP_CWORD=2; _nmp
+  [ "${COMPREPLY[*]}" = --checkpoint-minutes ]' || complain "completion does not complete"
+expect 2 completion tcsh && says "bash"
 
 # What the weights say.
 expect 0 model info m.safetensors --json && is_json && prints '"E": null'

@@ -31,10 +31,12 @@ cp m.metrics.jsonl metrics.kept
 # 1. Every command, with arguments that make sense for it but for one.
 declare -A complete=(
   ["data gen"]="cube -o new --set time.frames=1"
+  ["data import"]="--gravity 0,0,0 --ground none -o new r"
   ["data info"]="d"
   ["data verify"]="d"
   ["train"]="fast --data d -o new"
   ["rollout"]="--model m --data d"
+  ["export"]="r --data d -o new"
   ["eval"]="--model m --data d"
   ["fit"]="--data d --length 8"
   ["report"]="--model m --data d --eval eval.json -o new"
@@ -43,6 +45,9 @@ declare -A complete=(
   ["bench"]="--only svd"
   ["reproduce table1"]="--scenes cube --scale smoke"
   ["model info"]="m"
+  ["config list"]=""
+  ["config scene"]="cube"
+  ["config train"]="fast"
 )
 # A sanitized program takes half a second to start: fewer of what the parser of options alone sees.
 values=('' -1 x 1e99 99999999999999999999999 nan)
@@ -78,7 +83,7 @@ for command in "${!complete[@]}"; do
     expect 2 "${name[@]}" "${rest[@]}" $option 1 $option 1
   done
   case $command in
-    grad-check | bench | reproduce*) ;;
+    grad-check | bench | reproduce* | "config list") ;;
     *) expect 2 "${name[@]}" ;;
   esac
   [ ! -e new ] || complain "nmp $command: a refused command line left a file"
@@ -106,6 +111,7 @@ input() {  # the code for it, what stands before it, what after
 input 3 "eval --data d --model" ""
 input 3 "rollout --data d --model" ""
 input 3 "grad-check --model" ""
+input 3 "export --data d -o new" ""
 input 3 "report --data d --eval eval.json -o new --model" ""
 input 3 "report --data d --model m -o new --eval" ""
 input 3 "view --data d -o new --model" ""
@@ -121,7 +127,7 @@ for file in missing "$escape" brace cut; do
 done
 for file in missing pipe /dev/zero folder "$escape" m; do
   for command in "data info" "data verify" "eval --model m --data" "rollout --model m --data" \
-    "fit --data" \
+    "fit --data" "export -o new --data" \
     "report --model m -o new --data" "view -o new --data" "train fast -o new --data"; do
     read -ra words <<<"$command"
     expect 5 "${words[@]}" "$file"
@@ -168,6 +174,10 @@ for output in folder pipe link; do
   expect 2 report --model m --data d --eval eval.json -o $output
   expect 2 view d -o $output
 done
+for output in pipe link brace; do expect 2 export --data d -o $output && says "--force"; done
+expect 5 export --data d -o pipe --force
+expect 5 export --data d -o no/such/folder
+expect 2 export --data d -o . && expect 2 export --data d -o d --force && says "would be lost"
 expect 5 rollout "${analytic[@]}" -o folder --force
 expect 5 rollout "${analytic[@]}" -o pipe --force
 expect 5 rollout "${analytic[@]}" -o no/such/folder

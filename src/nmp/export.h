@@ -1,0 +1,59 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "nmp/dataset.h"
+
+namespace nmp {
+
+/// A trajectory file by itself, as `nmp rollout` writes it.
+struct TrajectoryFile {
+  Trajectory frames;
+  double h;  // between frames [s]
+};
+/// @param h  where the file does not tell; none: it must
+/// @throws InputError  if it is no trajectory of n_vertices, or is damaged; ConfigError without h
+TrajectoryFile open_trajectory(const Path& path, Index n_vertices, std::optional<double> h = {});
+
+/// The record with the same start, by positions and velocities; null if the dataset has none.
+const Trajectory* find_record(const Dataset& dataset, const Trajectory& trajectory);
+
+/// What there is to see.
+struct ExportSource {
+  fem::TetMesh<double> mesh;
+  std::vector<int> pinned;
+  const Trajectory* frames = nullptr;
+  double h = 0;                           // between frames [s]
+  const Trajectory* record = nullptr;     // that the frames predict; null: there is none
+  std::optional<fem::Material> material;  // whose stress and energy are shown; none: neither
+};
+
+struct ExportOptions {
+  std::string format = "vtu";  // or "obj", "pc2"
+  Index every = 1;             // frames 0, every, 2 every, ...
+  bool zlib = false;           // vtu: compressed
+  bool force = false;
+  /// Called after every frame with the part that is done; what it throws ends the export, of which
+  /// nothing stays then.
+  std::function<void(double)> progress;
+};
+
+struct Exported {
+  Path file;  // what to open: the collection, the first surface, the point cache
+  Index n_frames = 0;
+};
+
+/// Writes frames for other programs; `out` appears whole or not at all.
+///   vtu  a folder with frame_0000.vtu ..., rest.vtu (the shape at rest, with `pinned`) and
+///        frames.pvd with the times; if `out` ends in .pvd it is the collection, beside a folder of
+///        its name. At points v and f_int as far as they are recorded, error (x - x* of the
+///        record); in cells det_F, and von_mises (of the Cauchy stress) and energy (density) with a
+///        material, NaN where its law is not defined.
+///   obj  a folder with the surface of every frame, frame_0000.obj ..., and times.csv
+///   pc2  a point cache for Blender, and beside it the surface it moves, of ending .obj
+/// @throws ConfigError  for an unknown format, or if something is in the way; IoError
+Exported export_frames(const ExportSource& source, const Path& out, const ExportOptions& options);
+
+}  // namespace nmp
