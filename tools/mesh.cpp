@@ -33,7 +33,7 @@ struct Options {
 
 fem::RawMesh read(const Options& o) {
   fem::RawMesh mesh = fem::read_mesh(o.in);
-  fem::turn_and_scale(mesh, o.scale, o.up == "y");
+  fem::turn_and_scale(mesh.vertices, o.scale, o.up == "y");
   return mesh;
 }
 

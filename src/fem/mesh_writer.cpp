@@ -1,56 +1,19 @@
-#include <charconv>
-#include <cstring>
-#include <type_traits>
-
+#include "fem/mesh_output.h"
 #include "fem/mesh_reader.h"
 
 namespace nmp::fem {
 
 namespace {
 
-// Text with the shortest decimals that read back as the same doubles, and binary numbers.
-class Output {
- public:
-  Output& operator<<(std::string_view words) {
-    text_ += words;
-    return *this;
-  }
-  Output& operator<<(double value) {
-    char digits[32];
-    text_.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
-    return *this;
-  }
-  template <class T, class = std::enable_if_t<std::is_integral_v<T>>>
-  Output& operator<<(T value) {
-    char digits[32];
-    text_.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
-    return *this;
-  }
-  template <class T>
-  void binary(T value, bool swap = false) {
-    char bytes[sizeof(T)];
-    std::memcpy(bytes, &value, sizeof(T));
-    if (swap) std::reverse(bytes, bytes + sizeof(T));
-    text_.append(bytes, sizeof(T));
-  }
-  const std::string& text() const { return text_; }
+void write_vertex(MeshOutput& out, const RawMesh& mesh, Index v) { out.line(mesh.vertices.row(v)); }
 
- private:
-  std::string text_;
-};
-
-void write_vertex(Output& out, const RawMesh& mesh, Index v) {
-  out << mesh.vertices(v, 0) << " " << mesh.vertices(v, 1) << " " << mesh.vertices(v, 2) << "\n";
-}
-
-void write_tet(Output& out, const RawMesh& mesh, Index e, std::int32_t first) {
-  for (int a = 0; a < 4; ++a) out << (a > 0 ? " " : "") << mesh.tets(e, a) + first;
-  out << "\n";
+void write_tet(MeshOutput& out, const RawMesh& mesh, Index e, std::int32_t first) {
+  out.line((mesh.tets.row(e).array() + first).eval());
 }
 
 std::string to_gmsh2(const RawMesh& mesh, bool binary) {
   const Index n_vertices = mesh.vertices.rows(), n_tets = mesh.tets.rows();
-  Output out;
+  MeshOutput out;
   out << "$MeshFormat\n2.2 " << int{binary} << " 8\n";
   if (binary) out.binary(std::int32_t{1});
   out << (binary ? "\n" : "") << "$EndMeshFormat\n$Nodes\n" << n_vertices << "\n";
@@ -87,7 +50,7 @@ std::string to_gmsh2(const RawMesh& mesh, bool binary) {
 // Everything in one block: some programs read no more.
 std::string to_gmsh4(const RawMesh& mesh, bool binary) {
   const Index n_vertices = mesh.vertices.rows(), n_tets = mesh.tets.rows();
-  Output out;
+  MeshOutput out;
   const auto sizes = [&](std::initializer_list<Index> values) {
     for (const Index value : values) {
       if (binary) {
@@ -133,7 +96,7 @@ std::string to_gmsh4(const RawMesh& mesh, bool binary) {
 }
 
 std::string to_node(const RawMesh& mesh) {
-  Output out;
+  MeshOutput out;
   out << mesh.vertices.rows() << " 3 0 0\n";
   for (Index v = 0; v < mesh.vertices.rows(); ++v) {
     out << v + 1 << " ";
@@ -143,7 +106,7 @@ std::string to_node(const RawMesh& mesh) {
 }
 
 std::string to_ele(const RawMesh& mesh) {
-  Output out;
+  MeshOutput out;
   out << mesh.tets.rows() << " 4 0\n";
   for (Index e = 0; e < mesh.tets.rows(); ++e) {
     out << e + 1 << " ";
@@ -156,7 +119,7 @@ std::string to_ele(const RawMesh& mesh) {
 std::string to_vtk(const RawMesh& mesh, bool binary) {
   const Index n_vertices = mesh.vertices.rows(), n_tets = mesh.tets.rows();
   const bool swap = is_little_endian();  // the file is big-endian
-  Output out;
+  MeshOutput out;
   out << "# vtk DataFile Version 3.0\ntetrahedra\n"
       << (binary ? "BINARY" : "ASCII") << "\nDATASET UNSTRUCTURED_GRID\nPOINTS " << n_vertices
       << " double\n";
@@ -191,7 +154,7 @@ std::string to_vtk(const RawMesh& mesh, bool binary) {
 
 std::string to_vtu(const RawMesh& mesh, bool binary) {
   const Index n_vertices = mesh.vertices.rows(), n_tets = mesh.tets.rows();
-  Output out, appended;
+  MeshOutput out, appended;
   const auto array = [&](std::string_view attributes, Index n_bytes, auto&& write_binary,
                          auto&& write_text) {
     out << "<DataArray " << attributes;
