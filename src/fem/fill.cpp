@@ -15,10 +15,11 @@ namespace {
 
 using Vec = Vec3<double>;
 
-constexpr double kOnSurface = 1e-7;  // of a cell
+constexpr double kOnSurface = 1e-6;  // of a cell
 constexpr double kApart = 1e-3;      // of a cell: parts that met in a vertex
 constexpr Index kSamples = 4096;     // of the area
 constexpr double kBeside = 1e-6;     // of the diagonal
+constexpr double kLost = 1.25;       // cells: sharp edges are cut off by up to one
 constexpr double kVolumeOff = 0.1;   // of the surface's volume: worth a warning
 
 class SurfaceSolid : public Solid {
@@ -63,6 +64,10 @@ class SurfaceSolid : public Solid {
   const std::function<void()>& poll_;
 };
 
+double longest_side(const RawSurface& surface) {
+  return (surface.vertices.colwise().maxCoeff() - surface.vertices.colwise().minCoeff()).maxCoeff();
+}
+
 // Centred on the bounding box, with a cell more at each end.
 Lattice lattice_around(const RawSurface& surface, double cell) {
   const Vec low = surface.vertices.colwise().minCoeff().transpose(),
@@ -72,7 +77,7 @@ Lattice lattice_around(const RawSurface& surface, double cell) {
   double n_points = 2;
   for (std::size_t k = 0; k < 3; ++k) {
     const auto axis = static_cast<int>(k);
-    const double n = std::ceil((high(axis) - low(axis)) / cell - 1e-9) + 2;
+    const double n = std::ceil((high(axis) - low(axis)) / cell - 1e-5) + 2;
     n_points *= n + 1;
     if (n_points > static_cast<double>(kMostLatticePoints)) {
       throw ConfigError(text("cells of ", cell, " make a lattice of more than ", kMostLatticePoints,
@@ -120,7 +125,7 @@ double percent(double part) { return std::round(1000 * part) / 10; }
 void warn(const RepairedSurface& surface, const std::string& longest, FilledSurface& filled) {
   const BodyParts& parts = filled.parts;
   const auto add = [&](const std::string& words) { filled.warnings.push_back(words); };
-  if (filled.distance > 1) {
+  if (filled.distance > kLost) {
     const Vec& x = filled.farthest;
     add(text("thin parts are lost: ", percent(filled.lost_area),
              " % of the surface is more than a cell away from the mesh, at most ",
@@ -159,21 +164,25 @@ double cell_for_vertices(double volume, double area, Index vertices) {
   return cell;
 }
 
+double cell_of(const RepairedSurface& surface, const FillOptions& options) {
+  if (options.size > 0) return options.size;
+  if (options.resolution > 0) {
+    return longest_side(surface.surface) / static_cast<double>(options.resolution);
+  }
+  return cell_for_vertices(std::abs(surface.findings.volume), surface.findings.area,
+                           options.vertices);
+}
+
 FilledSurface fill(const RepairedSurface& surface, const FillOptions& options,
                    const std::string& name) {
   const RawSurface& raw = surface.surface;
-  const double longest =
-      (raw.vertices.colwise().maxCoeff() - raw.vertices.colwise().minCoeff()).maxCoeff();
-  const double cell = options.size > 0 ? options.size
-                      : options.resolution > 0
-                          ? longest / static_cast<double>(options.resolution)
-                          : cell_for_vertices(std::abs(surface.findings.volume),
-                                              surface.findings.area, options.vertices);
+  const double cell = cell_of(surface, options);
   FilledSurface filled;
   filled.lattice = lattice_around(raw, cell);
   const SurfaceSolid solid(raw, cell, options.poll);
   filled.mesh = stuff(filled.lattice, solid);
-  const std::string remedy = text("raise --resolution above ", std::ceil(longest / cell - 1e-9));
+  const std::string remedy =
+      text("raise --resolution above ", std::ceil(longest_side(raw) / cell - 1e-9));
   if (filled.mesh.tets.rows() > 0)
     filled.parts = one_body(filled.mesh, kApart * cell, options.crumb);
   if (filled.mesh.tets.rows() == 0) {

@@ -43,6 +43,8 @@ struct FilledSurface {
 FilledSurface fill(const RepairedSurface& surface, const FillOptions& options,
                    const std::string& name);
 
+/// The cells that the options ask for.
+double cell_of(const RepairedSurface& surface, const FillOptions& options);
 /// The cells for about `vertices` of them: half a lattice point per cell inside, and those on the
 /// surface.
 double cell_for_vertices(double volume, double area, Index vertices);
