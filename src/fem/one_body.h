@@ -13,9 +13,10 @@ struct BodyParts {
   Index n_cut_vertices = 0;  // vertices doubled where it met itself in a vertex only
 };
 
-/// Makes every edge and vertex of the surface one of a manifold: of tets that meet along an edge
-/// only the fewer are dropped, those that meet in a vertex only get one each, drawn apart by
-/// `apart`. Then drops parts that are smaller than `crumb` times the largest.
+/// Lets tets hang together by faces: of those that meet along an edge only the smaller ones are
+/// dropped, those that meet in a vertex only get one each, drawn apart by `apart`. Then every edge
+/// of the surface has two triangles (outside, a bubble may still touch it in a vertex). Then drops
+/// parts that are smaller than `crumb` times the largest.
 /// @param mesh   tets with positive volume, a face shared by two at most
 /// @param crumb  1: the largest part alone is left
 BodyParts one_body(RawMesh& mesh, double apart, double crumb);

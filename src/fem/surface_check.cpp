@@ -52,6 +52,9 @@ constexpr Row kRows[] = {
     {SurfaceDefect::repeated,
      {MeshRule::repair, "repeated_triangles", "triangle has the corners of an earlier one",
       "triangles have the corners of earlier ones", "dropped"}},
+    {SurfaceDefect::two_sided,
+     {MeshRule::repair, "two_sided_triangles", "triangle is there from both sides",
+      "triangles are there from both sides", "walls without thickness, which are dropped"}},
     {SurfaceDefect::joined,
      {MeshRule::repair, "coincident_vertices", "vertex stands where an earlier one does",
       "vertices stand where earlier ones do", "joined"}},
@@ -65,9 +68,6 @@ constexpr Row kRows[] = {
      {MeshRule::warn, "open_edges", "triangle has an edge that no other has",
       "triangles have an edge that no other has",
       "holes; what they leave open is closed where half of the surface is seen"}},
-    {SurfaceDefect::two_sided,
-     {MeshRule::warn, "two_sided_triangles", "triangle is the back of an earlier one",
-      "triangles are the backs of earlier ones", "a wall without thickness, which is ignored"}},
     {SurfaceDefect::non_manifold,
      {MeshRule::warn, "non_manifold_edges", "triangle has an edge of more than two triangles",
       "triangles have an edge of more than two triangles",
@@ -97,16 +97,16 @@ class Survey {
     topology.emplace(surface);
     add(SurfaceDefect::degenerate, topology->degenerate);
     add(SurfaceDefect::repeated, topology->repeated);
+    add(SurfaceDefect::two_sided, topology->two_sided);
     add(SurfaceDefect::joined, topology->joined);
     add(SurfaceDefect::turned, topology->turned);
     place_vertices(surface);
     turn_outward();
     add(SurfaceDefect::open, topology->open);
-    add(SurfaceDefect::two_sided, topology->two_sided);
     add(SurfaceDefect::non_manifold, topology->non_manifold);
     add(SurfaceDefect::not_orientable, topology->not_orientable);
     if (result.triangles.rows() == 0) {
-      refuse(SurfaceDefect::no_triangle);
+      refuse(topology->two_sided.count() > 0 ? SurfaceDefect::sheet : SurfaceDefect::no_triangle);
       return;
     }
     const TriangleTree tree(result.vertices, result.triangles);
@@ -162,22 +162,21 @@ class Survey {
   // The kept triangles, on one vertex for each place that they use.
   void place_vertices(const RawSurface& surface) {
     std::vector<std::int32_t> row(static_cast<std::size_t>(topology->n_places), -1);
-    std::vector<Index> vertices;
-    const auto vertex_at = first_at_places();
     for (Index f = 0; f < surface.triangles.rows(); ++f) {
       if (!topology->kept(f)) continue;
       numbers_.push_back(f);
-      for (int a = 0; a < 3; ++a) {
-        const auto place = static_cast<std::size_t>(topology->triangles(f, a));
-        if (row[place] >= 0) continue;
-        row[place] = static_cast<std::int32_t>(vertices.size());
-        vertices.push_back(vertex_at[place]);
-      }
+      for (int a = 0; a < 3; ++a) row[static_cast<std::size_t>(topology->triangles(f, a))] = 0;
     }
-    result.vertices.resize(static_cast<Index>(vertices.size()), 3);
-    for (Index v = 0; v < result.vertices.rows(); ++v) {
-      result.vertices.row(v) = surface.vertices.row(vertices[static_cast<std::size_t>(v)]);
+    result.vertices.resize(surface.vertices.rows(), 3);
+    std::int32_t n = 0;
+    for (Index v = 0; v < surface.vertices.rows(); ++v) {
+      std::int32_t& number =
+          row[static_cast<std::size_t>(topology->place[static_cast<std::size_t>(v)])];
+      if (topology->joined[v] || number < 0) continue;
+      result.vertices.row(n) = surface.vertices.row(v);
+      number = n++;
     }
+    result.vertices.conservativeResize(n, 3);
     result.triangles.resize(static_cast<Index>(numbers_.size()), 3);
     for (Index f = 0; f < result.triangles.rows(); ++f)
       for (int a = 0; a < 3; ++a) {
@@ -185,14 +184,6 @@ class Survey {
             static_cast<std::size_t>(topology->triangles(numbers_[static_cast<std::size_t>(f)], a));
         result.triangles(f, a) = row[place];
       }
-  }
-
-  std::vector<Index> first_at_places() const {
-    std::vector<Index> first(static_cast<std::size_t>(topology->n_places));
-    for (std::size_t v = topology->place.size(); v-- > 0;) {
-      first[static_cast<std::size_t>(topology->place[v])] = static_cast<Index>(v);
-    }
-    return first;
   }
 
   Vec3<double> area(Index f) const {

@@ -17,12 +17,12 @@ enum class SurfaceDefect {
   scale,           // a bounding box that is a point, beyond 1e+-100, or 1e9 sizes from the origin
   sheet,           // it encloses nothing, or hardly anything: see SurfaceFindings::openness
   degenerate,      // two corners at one place
-  repeated,        // the three places of an earlier triangle, in the same sense
+  repeated,        // the three places of an earlier triangle
+  two_sided,       // of a wall or sheet that is there in both senses: see SurfaceTopology
   joined,          // a vertex at the very place of an earlier one
   turned,          // against those that it hangs together with
   inside_out,      // a part whose inside would be outside of everything: by its first triangle
   open,            // an edge that no other triangle has: a hole or a crack
-  two_sided,       // the places of an earlier one in the other sense: a wall inside, a sheet
   non_manifold,    // an edge of more than two triangles
   not_orientable,  // as of a Moebius strip
   crossing,        // passes through another triangle

@@ -39,13 +39,17 @@ SurfaceTopology::SurfaceTopology(const RawSurface& surface)
     const auto row = triangles.row(f);
     if (row(0) == row(1) || row(1) == row(2) || row(2) == row(0)) degenerate.mark(f);
   }
-  find_repeated();
+  const Marks in_both_senses = find_repeated();
   turn(surface, find_edges());
+  find_two_sided(in_both_senses);
+  if (two_sided.count() > 0) turn(surface, find_edges());  // now without them
+  for (Index f = 0; f < triangles.rows(); ++f)
+    if (turned[f]) std::swap(triangles(f, 1), triangles(f, 2));
   find_parts();
 }
 
-// Of triangles on the same places the first one in each sense stays.
-void SurfaceTopology::find_repeated() {
+// Of triangles on the same places the first one stays.
+Marks SurfaceTopology::find_repeated() {
   struct Named {
     std::array<std::int32_t, 3> name;
     bool even;
@@ -63,21 +67,34 @@ void SurfaceTopology::find_repeated() {
     all.push_back(named);
   }
   std::sort(all.begin(), all.end());
+  Marks in_both_senses(triangles.rows());
   for (std::size_t i = 0, next; i < all.size(); i = next) {
-    bool even = false, odd = false;
-    for (next = i; next < all.size() && all[next].name == all[i].name; ++next) {
-      bool& there = all[next].even ? even : odd;
-      if (there) {
-        repeated.mark(all[next].f);
-      } else if (even || odd) {
-        two_sided.mark(all[next].f);
-      }
-      there = true;
+    for (next = i + 1; next < all.size() && all[next].name == all[i].name; ++next) {
+      repeated.mark(all[next].f);
+      if (all[next].even != all[i].even) in_both_senses.mark(all[i].f);
     }
+  }
+  return in_both_senses;
+}
+
+void SurfaceTopology::find_two_sided(const Marks& in_both_senses) {
+  std::vector<char> all_in_both(static_cast<std::size_t>(triangles.rows()), 1), ends(all_in_both);
+  std::fill(ends.begin(), ends.end(), 0);
+  for (Index f = 0; f < triangles.rows(); ++f) {
+    if (!kept(f)) continue;
+    const auto r = static_cast<std::size_t>(region[static_cast<std::size_t>(f)]);
+    if (!in_both_senses[f]) all_in_both[r] = 0;
+    if (open[f] || non_manifold[f]) ends[r] = 1;
+  }
+  for (Index f = 0; f < triangles.rows(); ++f) {
+    if (!kept(f)) continue;
+    const auto r = static_cast<std::size_t>(region[static_cast<std::size_t>(f)]);
+    if (all_in_both[r] && ends[r]) two_sided.mark(f);
   }
 }
 
 std::vector<SurfaceTopology::Side> SurfaceTopology::find_edges() {
+  open = non_manifold = Marks(triangles.rows());
   std::vector<Side> sides;
   for (Index f = 0; f < triangles.rows(); ++f) {
     for (int a = 0; kept(f) && a < 3; ++a) {
@@ -126,34 +143,36 @@ void SurfaceTopology::turn(const RawSurface& surface, const std::vector<Side>& s
         .cross(load_vec3<double>(surface.vertices, surface.triangles(f, 2)) - x0)
         .norm();
   };
-  Marks seen(triangles.rows());
-  std::vector<std::int32_t> region;
+  turned = not_orientable = Marks(triangles.rows());
+  region.assign(static_cast<std::size_t>(triangles.rows()), -1);
+  std::int32_t n_regions = 0;
+  std::vector<std::int32_t> members;
   for (Index f = 0; f < triangles.rows(); ++f) {
-    if (seen[f] || !kept(f)) continue;
-    region.assign(1, static_cast<std::int32_t>(f));
-    seen.mark(f);
+    if (region[static_cast<std::size_t>(f)] >= 0 || !kept(f)) continue;
+    members.assign(1, static_cast<std::int32_t>(f));
+    region[static_cast<std::size_t>(f)] = n_regions;
     double area_turned = 0, area_left = 0;
-    for (std::size_t k = 0; k < region.size(); ++k) {
-      const std::int32_t from = region[k];
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      const std::int32_t from = members[k];
       (turned[from] ? area_turned : area_left) += area(from);
       for (std::size_t l = begin[static_cast<std::size_t>(from)];
            l < begin[static_cast<std::size_t>(from) + 1]; ++l) {
         const bool to_turned = turned[from] != links[l].against;
-        if (!seen[links[l].to]) {
-          seen.mark(links[l].to);
+        std::int32_t& its_region = region[static_cast<std::size_t>(links[l].to)];
+        if (its_region < 0) {
+          its_region = n_regions;
           if (to_turned) turned.mark(links[l].to);
-          region.push_back(links[l].to);
+          members.push_back(links[l].to);
         } else if (turned[links[l].to] != to_turned) {
           not_orientable.mark(links[l].to);
         }
       }
     }
     if (area_turned > area_left) {
-      for (const std::int32_t g : region) turned.set[static_cast<std::size_t>(g)] ^= 1;
+      for (const std::int32_t g : members) turned.set[static_cast<std::size_t>(g)] ^= 1;
     }
+    ++n_regions;
   }
-  for (Index f = 0; f < triangles.rows(); ++f)
-    if (turned[f]) std::swap(triangles(f, 1), triangles(f, 2));
 }
 
 void SurfaceTopology::find_parts() {
