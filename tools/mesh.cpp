@@ -136,8 +136,9 @@ void check_surface(const Options& o, std::size_t ids) {
                      {"findings", list},
                      {"notes", raw.notes}};
   if (!findings.refused()) {
-    lines += text("a surface that 'nmp mesh tet' can fill: ", raw.triangles.rows(),
-                  " triangles around ", common::number(findings.volume), " m3\n");
+    lines +=
+        text("a surface that 'nmp mesh tet' can fill: ", raw.triangles.rows(), " triangles",
+             findings.closed() ? " around " + common::number(findings.volume) + " m3" : "", "\n");
   }
   common::print(o.flags.json ? json.dump(1) + "\n" : lines);
   if (findings.refused()) throw InputError(printable(o.in.file) + ": cannot be filled as it is");
