@@ -97,7 +97,12 @@ void tet(Options o) {
     json["lost_area"] = filled.lost_area;
     mesh = std::move(filled.mesh);
   } else {
-    mesh = fem::fill_by(o.mesher, surface, o.fill, common::stop_requested);
+    try {
+      mesh = fem::fill_by(o.mesher, surface, o.fill, common::stop_requested);
+    } catch (const InputError&) {
+      common::stop_if_requested();  // a signal that ended the mesher too
+      throw;
+    }
   }
   warn(warnings);
   json["warnings"] = warnings;

@@ -180,7 +180,7 @@ class Stuffer {
     if (n_in == 0) return;
     for (Corner& corner : v) corner.even = lattice_.is_even(corner.point);
     sort_by_side(v);
-    const auto& [A, B, C, D] = v;
+    const Corner &A = v[0], &B = v[1], &C = v[2], &D = v[3];
     if (n_out == 0) return add(node(A), node(B), node(C), node(D));
     if (n_in == 1) {
       const auto end = [&](const Corner& c) { return c.side == 0 ? node(c) : cut(A, c); };
