@@ -1,18 +1,21 @@
-// nmp mesh: look at a tetrahedral mesh, say what is wrong with it, and write it in another format.
+// nmp mesh info, check, convert: look at a tetrahedral mesh, say what is wrong with it or with a
+// surface, and write it in another format.
 //   nmp mesh info body.msh
-//   nmp mesh check body.msh --scale 0.001
+//   nmp mesh check body.msh --scale 0.001 --fix body_fixed.msh
+//   nmp mesh check scan.stl
 //   nmp mesh convert body.node body.vtu --up y --fix
 
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "base/check.h"
-#include "common.h"
 #include "fem/material.h"
 #include "fem/mesh_check.h"
 #include "fem/mesh_file.h"
 #include "fem/mesh_quality.h"
 #include "fem/stability.h"
+#include "fem/surface_check.h"
+#include "mesh.h"
 
 namespace nmp {
 namespace {
@@ -20,10 +23,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct Options {
-  std::string in, out;
-  double scale = 1;      // metres in a unit of the file
-  std::string up = "z";  // "y": turned to z
+  mesh_tool::Input in;
+  std::string out;       // check: "" for none
   std::size_t ids = 10;  // check: how many of each defect
+  bool all = false;      // check: all of them
   bool fix = false;      // convert: repair before writing
   bool no_step = false;  // info: leave out the stable time step
   bool binary = false;   // convert
@@ -32,27 +35,23 @@ struct Options {
 };
 
 fem::RawMesh read(const Options& o) {
-  fem::RawMesh mesh = fem::read_mesh(o.in);
-  fem::turn_and_scale(mesh, o.scale, o.up == "y");
+  fem::RawMesh mesh = fem::read_mesh(o.in.file);
+  o.in.place(mesh.vertices);
   return mesh;
-}
-
-void warn(const std::vector<std::string>& warnings) {
-  for (const std::string& warning : warnings) common::note("warning: " + warning);
 }
 
 void info(const Options& o) {
   const fem::RawMesh raw = read(o);
-  const fem::RepairedMesh repaired = fem::repair(raw, printable(o.in));
-  warn(raw.notes);
-  warn(repaired.warnings);
+  const fem::RepairedMesh repaired = fem::repair(raw, printable(o.in.file));
+  mesh_tool::warn(raw.notes);
+  mesh_tool::warn(repaired.warnings);
   const fem::TetMesh<double> mesh(repaired.mesh.vertices, repaired.mesh.tets);
   const fem::MeshQuality q = fem::quality(mesh);
   const fem::Material material;
   const double dt = o.no_step ? 0 : fem::stable_time_step(mesh, material);
   if (o.flags.json) {
     const Json json = {
-        {"file", o.in},
+        {"file", o.in.file},
         {"n_vertices", mesh.n_vertices()},
         {"n_tets", mesh.n_tets()},
         {"volume", q.volume},
@@ -67,7 +66,7 @@ void info(const Options& o) {
         {"aspect", {{"max", q.aspect_max}, {"max_tet", q.aspect_max_tet}}},
         {"stable_time_step", o.no_step ? Json() : Json(dt)},
         {"material", {{"E", material.E}, {"nu", material.nu}, {"density", material.density}}},
-        {"checksum", fem::mesh_checksum(o.in)}};
+        {"checksum", fem::mesh_checksum(o.in.file)}};
     return common::print(json.dump(1) + "\n");
   }
   const auto number = [](double value) { return common::number(value); };
@@ -96,12 +95,12 @@ const char* word(fem::MeshRule rule) {
                                          : "warning";
 }
 
-void check(const Options& o) {
-  const fem::RawMesh raw = read(o);
-  const fem::MeshFindings findings = fem::check_mesh(raw, o.ids);
+// What was found, as lines for people and as a list for programs.
+template <class Findings>
+Json list_findings(const Findings& findings, const std::vector<std::string>& notes,
+                   std::string& lines) {
   Json list = Json::array();
-  std::string lines;
-  for (const fem::MeshFinding& finding : findings.all) {
+  for (const auto& finding : findings.all) {
     const char* rule = word(fem::rule(finding.defect));
     list.push_back({{"defect", fem::name(finding.defect)},
                     {"rule", rule},
@@ -110,9 +109,53 @@ void check(const Options& o) {
                     {"text", fem::describe(finding)}});
     lines += std::string(rule) + ": " + fem::describe(finding) + "\n";
   }
-  for (const std::string& note : raw.notes) lines += "note: " + note + "\n";
+  for (const std::string& note : notes) lines += "note: " + note + "\n";
   if (findings.all.empty()) lines += "nothing wrong\n";
-  const Json json = {{"file", o.in},
+  return list;
+}
+
+void check_surface(const Options& o, std::size_t ids) {
+  if (!o.out.empty()) {
+    fem::surface_format(o.out);
+    refuse_to_overwrite(o.out, o.flags.force);
+  }
+  fem::RawSurface raw = fem::read_surface(o.in.file);
+  o.in.place(raw.vertices);
+  const fem::SurfaceFindings findings = fem::check_surface(raw, ids);
+  std::string lines;
+  const Json list = list_findings(findings, raw.notes, lines);
+  const Json json = {{"file", o.in.file},
+                     {"n_vertices", raw.vertices.rows()},
+                     {"n_triangles", raw.triangles.rows()},
+                     {"n_parts", findings.n_parts},
+                     {"area", findings.area},
+                     {"volume", findings.volume},
+                     {"openness", findings.openness},
+                     {"closed", !findings.refused() && findings.closed()},
+                     {"usable", !findings.refused()},
+                     {"findings", list},
+                     {"notes", raw.notes}};
+  if (!findings.refused()) {
+    lines +=
+        text("a surface that 'nmp mesh tet' can fill: ", raw.triangles.rows(), " triangles",
+             findings.closed() ? " around " + common::number(findings.volume) + " m3" : "", "\n");
+  }
+  common::print(o.flags.json ? json.dump(1) + "\n" : lines);
+  if (findings.refused()) throw InputError(printable(o.in.file) + ": cannot be filled as it is");
+  if (!o.out.empty()) fem::write_surface(o.out, fem::repair(raw, o.in.file).surface, o.binary);
+}
+
+void check(const Options& o) {
+  const std::size_t ids = o.all ? std::size_t{1} << 31 : o.ids;
+  if (fem::is_surface_file(o.in.file)) return check_surface(o, ids);
+  if (!o.out.empty()) {
+    for (const Path& file : fem::mesh_files(o.out)) refuse_to_overwrite(file, o.flags.force);
+  }
+  const fem::RawMesh raw = read(o);
+  const fem::MeshFindings findings = fem::check_mesh(raw, ids);
+  std::string lines;
+  const Json list = list_findings(findings, raw.notes, lines);
+  const Json json = {{"file", o.in.file},
                      {"n_vertices", raw.vertices.rows()},
                      {"n_tets", raw.tets.rows()},
                      {"n_parts", findings.n_parts},
@@ -121,17 +164,18 @@ void check(const Options& o) {
                      {"notes", raw.notes}};
   common::print(o.flags.json ? json.dump(1) + "\n" : lines);
   if (findings.refused()) {
-    throw InputError(printable(o.in) + ": cannot be simulated as it is");
+    throw InputError(printable(o.in.file) + ": cannot be simulated as it is");
   }
+  if (!o.out.empty()) fem::write_mesh(o.out, fem::repair(raw, o.in.file).mesh, {o.binary, false});
 }
 
 void convert(const Options& o) {
   for (const Path& file : fem::mesh_files(o.out)) refuse_to_overwrite(file, o.flags.force);
   fem::RawMesh mesh = read(o);
-  warn(mesh.notes);
+  mesh_tool::warn(mesh.notes);
   if (o.fix) {
-    const fem::RepairedMesh repaired = fem::repair(mesh, printable(o.in));
-    warn(repaired.warnings);
+    const fem::RepairedMesh repaired = fem::repair(mesh, printable(o.in.file));
+    mesh_tool::warn(repaired.warnings);
     mesh = repaired.mesh;
   }
   fem::write_mesh(o.out, mesh, {o.binary, o.gmsh2});
@@ -142,45 +186,67 @@ void convert(const Options& o) {
                                     mesh.tets.rows(), " tetrahedra\n"));
 }
 
-void add_mesh_file(CLI::App& app, Options& o, const char* name) {
-  app.add_option(name, o.in, "Mesh: .msh (Gmsh), .node or .ele (TetGen), .vtk or .vtu")->required();
-  app.add_option("--scale", o.scale, "Metres in a unit of the file, 0.001 for millimetres")
+constexpr const char* kMesh = "Mesh: .msh (Gmsh), .node or .ele (TetGen), .vtk or .vtu";
+
+}  // namespace
+
+namespace mesh_tool {
+
+void warn(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) common::note("warning: " + warning);
+}
+
+void add_input(CLI::App& app, Input& input, const char* name, const char* what) {
+  app.add_option(name, input.file, what)->required();
+  app.add_option("--scale", input.scale, "Metres in a unit of the file, 0.001 for millimetres")
       ->type_name("S")
       ->check(CLI::Range(1e-15, 1e15).description(""));
-  app.add_option("--up", o.up, "Axis of the file that points up; y is turned to z")
+  app.add_option("--up", input.up, "Axis of the file that points up; y is turned to z")
       ->type_name("y|z")
       ->check(CLI::IsMember({"y", "z"}).description(""));
 }
 
-}  // namespace
+}  // namespace mesh_tool
 
 void add_mesh(CLI::App& app) {
   CLI::App& mesh = common::add_command(
-      app, "mesh", "Look at a mesh file, check it, or write it in another format", "",
-      {"nmp mesh info body.msh", "nmp mesh check body.msh",
+      app, "mesh", "Make a mesh, look at it, check it, or write it in another format", "",
+      {"nmp mesh tet body.stl -o body.msh", "nmp mesh info body.msh", "nmp mesh check body.msh",
        "nmp mesh convert body.node body.vtu --fix"});
   mesh.require_subcommand(1);
+  mesh_tool::add_tet(mesh);
+  mesh_tool::add_box(mesh);
+  mesh_tool::add_surface(mesh);
   const auto o = std::make_shared<Options>();
 
   CLI::App& look = common::add_command(
       mesh, "info", "Counts, size, quality and the stable time step of a mesh",
       "The time step is that of the default material, unpinned; it grows as 1/sqrt(E).",
       {"nmp mesh info body.msh", "nmp mesh info body.vtu --scale 0.001 --up y --json"});
-  add_mesh_file(look, *o, "FILE");
+  mesh_tool::add_input(look, o->in, "FILE", kMesh);
   look.add_flag("--no-step", o->no_step,
                 "Leave out the stable time step, which takes minutes for a million tetrahedra");
   common::add_threads(look);
   common::add_json(look, o->flags);
   look.callback([o] { info(*o); });
 
-  CLI::App& look_closer = common::add_command(
-      mesh, "check", "Say what is wrong with a mesh",
-      "'repaired' and 'warning' leave a mesh usable; with 'refused' the exit code is 3.",
-      {"nmp mesh check body.msh", "nmp mesh check body.vtk --ids 1000 --json"});
-  add_mesh_file(look_closer, *o, "FILE");
+  CLI::App& look_closer =
+      common::add_command(mesh, "check", "Say what is wrong with a mesh, or with a surface",
+                          "'repaired' and 'warning' leave a mesh usable, and a surface one that "
+                          "'nmp mesh tet' takes; with "
+                          "'refused'\nthe exit code is 3.",
+                          {"nmp mesh check body.msh", "nmp mesh check body.vtk --all --json",
+                           "nmp mesh check scan.stl --fix scan_fixed.ply"});
+  mesh_tool::add_input(look_closer, o->in, "FILE",
+                       "Mesh: .msh, .node or .ele, .vtk or .vtu; or surface: .obj, .stl or .ply");
   look_closer.add_option("--ids", o->ids, "How many vertices or tets to name for each defect")
       ->type_name("N")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 31).description(""));
+  look_closer.add_flag("--all", o->all, "Name all of them");
+  look_closer.add_option("--fix", o->out, "Write the mesh or surface as it is after repair")
+      ->type_name("OUT");
+  look_closer.add_flag("--binary", o->binary, "Write the binary form of the format");
+  common::add_force(look_closer, o->flags);
   common::add_json(look_closer, o->flags);
   look_closer.callback([o] { check(*o); });
 
@@ -189,7 +255,7 @@ void add_mesh(CLI::App& app) {
       "The endings of the names say the formats.",
       {"nmp mesh convert body.vtu body.msh", "nmp mesh convert body.node body.vtu --up y --fix",
        "nmp mesh convert body.msh body_m.msh --scale 0.001 --binary"});
-  add_mesh_file(change, *o, "IN");
+  mesh_tool::add_input(change, o->in, "IN", kMesh);
   change.add_option("OUT", o->out, "The file to write; of TetGen's pair either")->required();
   change.add_flag("--fix", o->fix, "Repair what 'nmp mesh check' calls repaired");
   change.add_flag("--binary", o->binary, "Write the binary form of the format");

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include "base/check.h"
@@ -22,50 +21,60 @@ constexpr double kFar = 1000;                       // coordinates over the diag
 
 struct Row {
   MeshDefect defect;
-  MeshRule rule;
-  const char* name;
-  const char *one, *many;  // behind the count
-  const char* remedy;
+  DefectWords words;
 };
 
 constexpr Row kRows[] = {
-    {MeshDefect::no_tet, MeshRule::refuse, "no_tets", "the mesh has no tetrahedron", "",
-     "a surface must be filled with tetrahedra first, by TetGen or Gmsh for example"},
-    {MeshDefect::bad_index, MeshRule::refuse, "bad_indices", "tet names a vertex that is not there",
-     "tets name vertices that are not there", ""},
-    {MeshDefect::not_finite, MeshRule::refuse, "not_finite_vertices", "vertex is not finite",
-     "vertices are not finite", ""},
-    {MeshDefect::repeated_vertex, MeshRule::refuse, "repeated_vertices",
-     "tet has the same corner twice", "tets have the same corner twice", ""},
-    {MeshDefect::flat, MeshRule::refuse, "flat_tets", "tet is flat", "tets are flat",
-     "mesh again with a bound on quality (tetgen -q)"},
-    {MeshDefect::scale, MeshRule::refuse, "scale",
-     "the bounding box is below 1e-6 m or above 1e6 m across", "", "set mesh.scale (--scale)"},
-    {MeshDefect::inverted, MeshRule::repair, "inverted_tets", "tet is inverted",
-     "tets are inverted", "turned by exchanging two corners"},
-    {MeshDefect::repeated_cell, MeshRule::repair, "repeated_cells",
-     "tet has the corners of an earlier one", "tets have the corners of earlier ones", "dropped"},
-    {MeshDefect::unreferenced, MeshRule::repair, "unreferenced_vertices",
-     "vertex belongs to no tet", "vertices belong to no tet", "dropped"},
-    {MeshDefect::sliver, MeshRule::warn, "slivers", "tet is a sliver", "tets are slivers",
-     "the stable time step is small because of them"},
-    {MeshDefect::coincident, MeshRule::warn, "coincident_vertices",
-     "vertex stands where an earlier one does", "vertices stand where earlier ones do",
-     "the body may be cut there"},
-    {MeshDefect::non_manifold, MeshRule::warn, "non_manifold_tets",
-     "tet has a face that more than two tets share",
-     "tets have a face that more than two tets share", "they overlap"},
-    {MeshDefect::parts, MeshRule::warn, "parts", "part", "parts share no vertex",
-     "they move independently of each other and pass through each other"},
-    {MeshDefect::far_away, MeshRule::warn, "far_away",
-     "the mesh is more than 1000 times its size away from the origin", "",
-     "recorded positions lose digits: move it nearer"},
-    {MeshDefect::units, MeshRule::warn, "units",
-     "the bounding box is below 1 mm or above 100 m across", "",
-     "if the file is not in metres set mesh.scale (--scale)"},
+    {MeshDefect::no_tet,
+     {MeshRule::refuse, "no_tets", "the mesh has no tetrahedron", "",
+      "fill a surface with tetrahedra first: nmp mesh tet"}},
+    {MeshDefect::bad_index,
+     {MeshRule::refuse, "bad_indices", "tet names a vertex that is not there",
+      "tets name vertices that are not there", ""}},
+    {MeshDefect::not_finite,
+     {MeshRule::refuse, "not_finite_vertices", "vertex is not finite", "vertices are not finite",
+      ""}},
+    {MeshDefect::repeated_vertex,
+     {MeshRule::refuse, "repeated_vertices", "tet has the same corner twice",
+      "tets have the same corner twice", ""}},
+    {MeshDefect::flat,
+     {MeshRule::refuse, "flat_tets", "tet is flat", "tets are flat",
+      "mesh again with a bound on quality (tetgen -q)"}},
+    {MeshDefect::scale,
+     {MeshRule::refuse, "scale", "the bounding box is below 1e-6 m or above 1e6 m across", "",
+      "set mesh.scale (--scale)"}},
+    {MeshDefect::inverted,
+     {MeshRule::repair, "inverted_tets", "tet is inverted", "tets are inverted",
+      "turned by exchanging two corners"}},
+    {MeshDefect::repeated_cell,
+     {MeshRule::repair, "repeated_cells", "tet has the corners of an earlier one",
+      "tets have the corners of earlier ones", "dropped"}},
+    {MeshDefect::unreferenced,
+     {MeshRule::repair, "unreferenced_vertices", "vertex belongs to no tet",
+      "vertices belong to no tet", "dropped"}},
+    {MeshDefect::sliver,
+     {MeshRule::warn, "slivers", "tet is a sliver", "tets are slivers",
+      "the stable time step is small because of them"}},
+    {MeshDefect::coincident,
+     {MeshRule::warn, "coincident_vertices", "vertex stands where an earlier one does",
+      "vertices stand where earlier ones do", "the body may be cut there"}},
+    {MeshDefect::non_manifold,
+     {MeshRule::warn, "non_manifold_tets", "tet has a face that more than two tets share",
+      "tets have a face that more than two tets share", "they overlap"}},
+    {MeshDefect::parts,
+     {MeshRule::warn, "parts", "part", "parts share no vertex",
+      "they move independently of each other and pass through each other"}},
+    {MeshDefect::far_away,
+     {MeshRule::warn, "far_away", "the mesh is more than 1000 times its size away from the origin",
+      "", "recorded positions lose digits: move it nearer"}},
+    {MeshDefect::units,
+     {MeshRule::warn, "units", "the bounding box is below 1 mm or above 100 m across", "",
+      "if the file is not in metres set mesh.scale (--scale)"}},
 };
 
-const Row& row(MeshDefect defect) { return kRows[static_cast<std::size_t>(defect)]; }
+const DefectWords& words(MeshDefect defect) {
+  return kRows[static_cast<std::size_t>(defect)].words;
+}
 
 using Corners = std::array<std::int32_t, 4>;
 
@@ -74,14 +83,6 @@ Corners sorted_corners(const Tets& tets, Index e) {
   std::sort(corners.begin(), corners.end());
   return corners;
 }
-
-// Marks of things, counted into a finding.
-struct Marks {
-  explicit Marks(Index n) : set(static_cast<std::size_t>(n), 0) {}
-  void mark(Index i) { set[static_cast<std::size_t>(i)] = 1; }
-  bool operator[](Index i) const { return set[static_cast<std::size_t>(i)] != 0; }
-  std::vector<char> set;
-};
 
 // Everything that check_mesh finds, item by item.
 struct Survey {
@@ -207,27 +208,16 @@ struct Survey {
     }
   }
 
-  // Vertices joined by tets, by union-find: the root of a part is its lowest vertex.
+  // Vertices joined by tets.
   void survey_parts(const RawMesh& mesh) {
-    std::vector<std::int32_t> parent(static_cast<std::size_t>(mesh.vertices.rows()));
-    std::iota(parent.begin(), parent.end(), 0);
-    const auto root = [&](std::int32_t v) {
-      while (parent[static_cast<std::size_t>(v)] != v) {
-        auto& up = parent[static_cast<std::size_t>(v)];
-        up = parent[static_cast<std::size_t>(up)];
-        v = up;
-      }
-      return v;
-    };
+    Groups groups(mesh.vertices.rows());
     for (Index e = 0; e < mesh.tets.rows(); ++e) {
       if (bad_index[e]) continue;
-      for (int a = 1; a < 4; ++a) {
-        const std::int32_t i = root(mesh.tets(e, 0)), j = root(mesh.tets(e, a));
-        parent[static_cast<std::size_t>(std::max(i, j))] = std::min(i, j);
-      }
+      for (int a = 1; a < 4; ++a) groups.join(mesh.tets(e, 0), mesh.tets(e, a));
     }
     for (Index v = 0; v < mesh.vertices.rows(); ++v) {
-      if (!unreferenced[v] && parent[static_cast<std::size_t>(v)] == v) part_roots.push_back(v);
+      const auto i = static_cast<std::int32_t>(v);
+      if (!unreferenced[v] && groups.root(i) == i) part_roots.push_back(v);
     }
   }
 
@@ -240,18 +230,9 @@ struct Survey {
 MeshFindings summary(const RawMesh& mesh, const Survey& survey, std::size_t n_shown) {
   MeshFindings findings;
   const auto add_marks = [&](MeshDefect defect, const Marks& marks) {
-    MeshFinding finding{defect, 0, {}};
-    for (std::size_t i = 0; i < marks.set.size(); ++i) {
-      if (marks.set[i] == 0) continue;
-      if (++finding.count <= static_cast<Index>(n_shown)) {
-        finding.first.push_back(static_cast<Index>(i));
-      }
-    }
-    if (finding.count > 0) findings.all.push_back(std::move(finding));
+    findings.add(defect, marks.count(), marks.first(n_shown));
   };
-  const auto add_if = [&](bool found, MeshDefect defect) {
-    if (found) findings.all.push_back({defect, 1, {}});
-  };
+  const auto add_if = [&](bool found, MeshDefect defect) { findings.add(defect, found); };
   const bool has_size = mesh.tets.rows() > 0;
   const bool absurd = has_size && !(survey.diagonal >= kSmallest && survey.diagonal <= kLargest);
   add_if(mesh.tets.rows() == 0, MeshDefect::no_tet);
@@ -268,9 +249,9 @@ MeshFindings summary(const RawMesh& mesh, const Survey& survey, std::size_t n_sh
   add_marks(MeshDefect::non_manifold, survey.non_manifold);
   findings.n_parts = static_cast<Index>(survey.part_roots.size());
   if (findings.n_parts > 1) {
-    MeshFinding finding{MeshDefect::parts, findings.n_parts, survey.part_roots};
-    if (finding.first.size() > n_shown) finding.first.resize(n_shown);
-    findings.all.push_back(std::move(finding));
+    std::vector<Index> first = survey.part_roots;
+    if (first.size() > n_shown) first.resize(n_shown);
+    findings.add(MeshDefect::parts, findings.n_parts, std::move(first));
   }
   add_if(has_size && survey.reach > kFar * survey.diagonal, MeshDefect::far_away);
   add_if(has_size && !absurd && (survey.diagonal < kSmall || survey.diagonal > kLarge),
@@ -307,39 +288,10 @@ RawMesh mended(const RawMesh& mesh, const Survey& survey) {
 
 }  // namespace
 
-MeshRule rule(MeshDefect defect) { return row(defect).rule; }
-const char* name(MeshDefect defect) { return row(defect).name; }
-
+MeshRule rule(MeshDefect defect) { return words(defect).rule; }
+const char* name(MeshDefect defect) { return words(defect).name; }
 std::string describe(const MeshFinding& finding) {
-  const Row& r = row(finding.defect);
-  std::string words = finding.first.empty()
-                          ? std::string(r.one)
-                          : text(finding.count, " ", finding.count == 1 ? r.one : r.many, " (");
-  for (std::size_t i = 0; i < finding.first.size(); ++i) {
-    words += (i > 0 ? ", " : "") + std::to_string(finding.first[i]);
-  }
-  if (finding.count > static_cast<Index>(finding.first.size()) && !finding.first.empty()) {
-    words += ", ...";
-  }
-  if (!finding.first.empty()) words += ")";
-  return *r.remedy == 0 ? words : words + ": " + r.remedy;
-}
-
-const MeshFinding* MeshFindings::find(MeshDefect defect) const {
-  for (const MeshFinding& finding : all)
-    if (finding.defect == defect) return &finding;
-  return nullptr;
-}
-
-Index MeshFindings::count(MeshDefect defect) const {
-  const MeshFinding* finding = find(defect);
-  return finding == nullptr ? 0 : finding->count;
-}
-
-bool MeshFindings::refused() const {
-  return std::any_of(all.begin(), all.end(), [](const MeshFinding& finding) {
-    return rule(finding.defect) == MeshRule::refuse;
-  });
+  return describe(words(finding.defect), finding.count, finding.first);
 }
 
 namespace {
@@ -362,18 +314,8 @@ RepairedMesh repair(const RawMesh& mesh, const std::string& name) {
   check_shape(mesh);
   const Survey survey(mesh);
   const MeshFindings findings = summary(mesh, survey, kShown);
-  std::string refused;
   RepairedMesh result;
-  for (const MeshFinding& finding : findings.all) {
-    if (rule(finding.defect) == MeshRule::refuse) {
-      refused += (refused.empty() ? "" : "; ") + describe(finding);
-    } else {
-      result.warnings.push_back(describe(finding));
-    }
-  }
-  if (!refused.empty()) {
-    throw InputError(text(name, ": expected a mesh that can be simulated, found: ", refused));
-  }
+  result.warnings = warnings_or_refusal(findings, name, "a mesh that can be simulated");
   result.mesh = mended(mesh, survey);
   return result;
 }

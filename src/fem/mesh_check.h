@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "fem/finding.h"
 #include "fem/mesh_file.h"
 
 namespace nmp::fem {
@@ -26,16 +27,8 @@ enum class MeshDefect {
   units,            // bounding box below 1e-3 or above 100 in diagonal: other units than metres?
 };
 
-/// What repair does about a defect.
-enum class MeshRule { refuse, repair, warn };
-
-struct MeshFinding {
-  MeshDefect defect;
-  Index count = 0;
-  /// The first of them (10 unless told otherwise), from 0 in the order of the file; a part by its
-  /// lowest vertex. Empty where the defect is the mesh's.
-  std::vector<Index> first;
-};
+/// A part is named by its lowest vertex.
+using MeshFinding = Finding<MeshDefect>;
 
 MeshRule rule(MeshDefect defect);
 /// "inverted_tets": for programs.
@@ -43,15 +36,8 @@ const char* name(MeshDefect defect);
 /// "12 tets are inverted (0, 5, 7, ...)"
 std::string describe(const MeshFinding& finding);
 
-struct MeshFindings {
-  /// What was found, in the order of MeshDefect; only counts above 0.
-  std::vector<MeshFinding> all;
+struct MeshFindings : Findings<MeshDefect> {
   Index n_parts = 0;
-
-  const MeshFinding* find(MeshDefect defect) const;
-  Index count(MeshDefect defect) const;
-  /// Whether repair would refuse the mesh.
-  bool refused() const;
 };
 
 /// Looks for every defect, naming the first `n_shown` of each. Time n log n. Defects of shape are

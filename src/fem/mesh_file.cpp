@@ -1,25 +1,12 @@
 #include "fem/mesh_file.h"
 
 #include "base/check.h"
+#include "fem/mesh_reader.h"
 
 namespace nmp::fem {
 
-namespace {
-
-std::string_view bytes_of(const MappedFile& file, const Path& path, const MeshLimits& limits) {
-  if (file.size() > limits.file_bytes) {
-    throw InputError(text(path.string(), ": expected at most ", limits.file_bytes, " bytes, found ",
-                          file.size()));
-  }
-  return {reinterpret_cast<const char*>(file.data()), file.size()};
-}
-
-}  // namespace
-
 MeshFormat mesh_format(const Path& path) {
-  std::string ending = path.extension().string();
-  for (char& c : ending)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  const std::string ending = lower_ending(path);
   if (ending == ".msh") return MeshFormat::gmsh;
   if (ending == ".node" || ending == ".ele") return MeshFormat::tetgen;
   if (ending == ".vtk") return MeshFormat::vtk;
@@ -45,12 +32,12 @@ std::string mesh_checksum(const Path& path) {
   return files.size() == 1 ? sums : hex(hash_bytes(sums.data(), sums.size()));
 }
 
-void turn_and_scale(RawMesh& mesh, double scale, bool y_up) {
+void turn_and_scale(Matrix<double>& vertices, double scale, bool y_up) {
   if (y_up) {
-    mesh.vertices.col(1).swap(mesh.vertices.col(2));
-    mesh.vertices.col(1) *= -1;
+    vertices.col(1).swap(vertices.col(2));
+    vertices.col(1) *= -1;
   }
-  mesh.vertices *= scale;
+  vertices *= scale;
 }
 
 RawMesh read_mesh(const Path& path, const MeshLimits& limits) {

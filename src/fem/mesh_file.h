@@ -26,7 +26,8 @@ struct MeshLimits {
   std::uint64_t file_bytes = std::uint64_t{16} << 30;
   std::uint64_t decoded_bytes = std::uint64_t{16} << 30;  // all arrays of a file together
   Index vertices = (Index(1) << 31) - 1;
-  Index tets = (Index(1) << 29) - 1;  // TetMesh numbers corners in 31 bits
+  Index tets = (Index(1) << 29) - 1;       // TetMesh numbers corners in 31 bits
+  Index triangles = (Index(1) << 29) - 1;  // of a surface (surface_file.h)
 };
 
 /// Readers of untrusted bytes. Surface, line and point cells are left out and counted in `notes`;
@@ -58,9 +59,10 @@ std::string mesh_checksum(const Path& path);
 RawMesh read_mesh(const Path& path, const MeshLimits& limits = {});
 
 /// To metres and z up.
+/// @param vertices  #V x 3, changed
 /// @param scale  metres in a unit of the file   @param y_up  turned by (x, y, z) -> (x, -z, y), a
 ///               quarter turn about x
-void turn_and_scale(RawMesh& mesh, double scale, bool y_up);
+void turn_and_scale(Matrix<double>& vertices, double scale, bool y_up);
 
 struct MeshWriteOptions {
   bool binary = false;  // VTU: appended raw; TetGen has no binary form

@@ -23,6 +23,12 @@ class Output {
     text_.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
     return *this;
   }
+  /// Three coordinates or corners, and the end of the line.
+  template <class Row>
+  Output& line(const Row& row) {
+    for (int k = 0; k < row.size(); ++k) *this << (k > 0 ? " " : "") << row(k);
+    return *this << "\n";
+  }
   template <class T>
   void binary(T value, bool swap = false) {
     char bytes[sizeof(T)];

@@ -159,13 +159,33 @@ bool is_little_endian() {
   return first == 1;
 }
 
-void MeshBuilder::add_vertex(const MeshCursor& at, double x, double y, double z) {
+std::string lower_word(std::string_view word) {
+  std::string out(word.substr(0, 64));
+  for (char& c : out)
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  return out;
+}
+
+std::string lower_ending(const Path& path) { return lower_word(path.extension().string()); }
+
+std::string_view bytes_of(const MappedFile& file, const Path& path, const MeshLimits& limits) {
+  if (file.size() > limits.file_bytes) {
+    throw InputError(text(path.string(), ": expected at most ", limits.file_bytes, " bytes, found ",
+                          file.size()));
+  }
+  return {reinterpret_cast<const char*>(file.data()), file.size()};
+}
+
+void check_vertex(const MeshCursor& at, double x, double y, double z, Index v,
+                  const MeshLimits& limits) {
   if (!std::isfinite(x) || !std::isfinite(y) || !std::isfinite(z)) {
-    at.fail("finite coordinates", text(x, " ", y, " ", z, " for vertex ", n_vertices()));
+    at.fail("finite coordinates", text(x, " ", y, " ", z, " for vertex ", v));
   }
-  if (n_vertices() >= limits_.vertices) {
-    at.fail(text("at most ", limits_.vertices, " vertices"), "more");
-  }
+  if (v >= limits.vertices) at.fail(text("at most ", limits.vertices, " vertices"), "more");
+}
+
+void MeshBuilder::add_vertex(const MeshCursor& at, double x, double y, double z) {
+  check_vertex(at, x, y, z, n_vertices(), limits_);
   xyz_.insert(xyz_.end(), {x, y, z});
 }
 

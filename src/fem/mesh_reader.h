@@ -89,6 +89,16 @@ class MeshCursor {
 
 /// Whether this machine has its low byte first.
 bool is_little_endian();
+/// In small letters, cut to 64 characters: for keywords that are written either way.
+std::string lower_word(std::string_view word);
+/// The ending of a name with its dot, in small letters.
+std::string lower_ending(const Path& path);
+/// @throws InputError  if the file is larger than the limit
+std::string_view bytes_of(const MappedFile& file, const Path& path, const MeshLimits& limits);
+/// @throws InputError  through the cursor if a coordinate of vertex `v` is not finite, or if there
+/// are too many
+void check_vertex(const MeshCursor& at, double x, double y, double z, Index v,
+                  const MeshLimits& limits);
 
 /// A mesh in the making.
 class MeshBuilder {

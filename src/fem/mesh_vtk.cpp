@@ -10,13 +10,6 @@ namespace {
 
 constexpr std::int64_t kMostOffset = std::numeric_limits<std::int64_t>::max();
 
-std::string lower(std::string_view word) {
-  std::string out(word.substr(0, 64));
-  for (char& c : out)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  return out;
-}
-
 enum class Kind { integer, unsigned_integer, real, bit, string };
 struct DataType {
   const char* name;
@@ -54,7 +47,7 @@ class VtkReader {
     bool has_points = false, has_types = false;
     while (!in_.at_end()) {
       const std::string_view word = in_.word();
-      const std::string keyword = lower(word);
+      const std::string keyword = lower_word(word);
       if (keyword == "points" && !has_points) {
         read_points();
         has_points = true;
@@ -96,14 +89,14 @@ class VtkReader {
     if (!old && !new_cells_) in_.fail("version 2.0 to 4.2 or 5.1", in_quotes(line));
     in_.line();  // a title
     const std::string_view form = in_.word();
-    binary_ = lower(form) == "binary";
-    if (!binary_ && lower(form) != "ascii") {
+    binary_ = lower_word(form) == "binary";
+    if (!binary_ && lower_word(form) != "ascii") {
       in_.fail("ASCII or BINARY", MeshCursor::quoted(form));
     }
     const std::string_view dataset = in_.word();
-    if (lower(dataset) != "dataset") in_.fail("DATASET", MeshCursor::quoted(dataset));
+    if (lower_word(dataset) != "dataset") in_.fail("DATASET", MeshCursor::quoted(dataset));
     const std::string_view kind = in_.word();
-    if (lower(kind) != "unstructured_grid") {
+    if (lower_word(kind) != "unstructured_grid") {
       in_.fail("UNSTRUCTURED_GRID, the only data set that can hold tetrahedra",
                MeshCursor::quoted(kind));
     }
@@ -112,7 +105,7 @@ class VtkReader {
 
   const DataType& read_type() {
     const std::string_view word = in_.word_on_line();
-    const std::string name = lower(word);
+    const std::string name = lower_word(word);
     for (const DataType& type : kTypes)
       if (name == type.name) return type;
     in_.fail("a type of VTK, such as float", MeshCursor::quoted(word));
@@ -199,7 +192,7 @@ class VtkReader {
 
   const DataType& read_array_head(const char* name, Index n) {
     const std::string_view word = in_.word();
-    if (lower(word) != name) in_.fail(name, MeshCursor::quoted(word));
+    if (lower_word(word) != name) in_.fail(name, MeshCursor::quoted(word));
     const DataType& type = read_type();
     if (type.kind != Kind::integer || type.bytes < 4) {
       in_.fail("integers of 4 or 8 bytes, such as vtktypeint64", type.name);
@@ -243,7 +236,7 @@ class VtkReader {
     const Index n_arrays = in_.count("number of arrays", kMostOffset, 8);
     end_line();
     for (Index k = 0; k < n_arrays; ++k) {
-      if (lower(in_.word()) == "metadata") {  // of the array before
+      if (lower_word(in_.word()) == "metadata") {  // of the array before
         skip_metadata();
         in_.word();
       }  // else its name

@@ -8,13 +8,10 @@ namespace nmp::fem {
 
 namespace {
 
-void write_vertex(Output& out, const RawMesh& mesh, Index v) {
-  out << mesh.vertices(v, 0) << " " << mesh.vertices(v, 1) << " " << mesh.vertices(v, 2) << "\n";
-}
+void write_vertex(Output& out, const RawMesh& mesh, Index v) { out.line(mesh.vertices.row(v)); }
 
 void write_tet(Output& out, const RawMesh& mesh, Index e, std::int32_t first) {
-  for (int a = 0; a < 4; ++a) out << (a > 0 ? " " : "") << mesh.tets(e, a) + first;
-  out << "\n";
+  out.line((mesh.tets.row(e).array() + first).eval());
 }
 
 std::string to_gmsh2(const RawMesh& mesh, bool binary) {

@@ -8,16 +8,18 @@
 
 namespace nmp::fem {
 
-std::string to_obj(const Matrix<float>& vertices, const Triangles& triangles) {
+template <class Real>
+std::string to_obj(const Matrix<Real>& vertices, const Triangles& triangles) {
   NMP_CHECK(vertices.cols() == 3, "vertices must be #V x 3, got " + shape(vertices));
   Output out;
-  for (Index i = 0; i < vertices.rows(); ++i)
-    out << "v " << vertices(i, 0) << " " << vertices(i, 1) << " " << vertices(i, 2) << "\n";
+  for (Index i = 0; i < vertices.rows(); ++i) (out << "v ").line(vertices.row(i));
   for (Index i = 0; i < triangles.rows(); ++i)
-    out << "f " << triangles(i, 0) + 1 << " " << triangles(i, 1) + 1 << " " << triangles(i, 2) + 1
-        << "\n";
+    (out << "f ").line((triangles.row(i).array() + 1).eval());
   return out.text();
 }
+
+template std::string to_obj(const Matrix<float>&, const Triangles&);
+template std::string to_obj(const Matrix<double>&, const Triangles&);
 
 Pc2Writer::Pc2Writer(const Path& path, Index n_points, Index n_samples)
     : file_(path), n_points_(n_points), n_left_(n_samples) {

@@ -7,9 +7,10 @@
 
 namespace nmp::fem {
 
-/// Wavefront OBJ: a surface in the shortest decimals that read back as the same floats.
+/// Wavefront OBJ: a surface in the shortest decimals that read back as the same numbers.
 /// @param vertices  #V x 3   @param triangles  indices into them
-std::string to_obj(const Matrix<float>& vertices, const Triangles& triangles);
+template <class Real>
+std::string to_obj(const Matrix<Real>& vertices, const Triangles& triangles);
 
 /// PC2, the point cache that Blender's modifier Mesh Cache reads: a header of 32 bytes
 /// ("POINTCACHE2", version 1, #points, first frame, frames of the animation per sample, #samples),

@@ -46,7 +46,7 @@ Matrix<float> rough_F(Index n) {
 
 fem::TetMesh<double> read_bob(const std::string& file) {
   fem::RawMesh raw = fem::read_mesh(file);
-  fem::turn_and_scale(raw, 1, true);
+  fem::turn_and_scale(raw.vertices, 1, true);
   const fem::RepairedMesh repaired = fem::repair(raw, printable(file));
   return fem::TetMesh<double>(repaired.mesh.vertices, repaired.mesh.tets);
 }

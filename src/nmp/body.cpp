@@ -127,7 +127,7 @@ Body make_body(const Scene& scene) {
                           "taken"));
   }
   fem::RawMesh raw = fem::read_mesh(path);
-  fem::turn_and_scale(raw, scene.mesh_scale, scene.mesh_up == "y");
+  fem::turn_and_scale(raw.vertices, scene.mesh_scale, scene.mesh_up == "y");
   const fem::RepairedMesh repaired = fem::repair(raw, name);
   Body body{fem::TetMesh<double>(repaired.mesh.vertices, repaired.mesh.tets), {}, checksum, {}};
   for (const std::string& note : raw.notes) body.warnings.push_back(name + ": " + note);

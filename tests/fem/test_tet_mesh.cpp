@@ -3,6 +3,7 @@
 
 #include "autodiff/gradient_check.h"
 #include "cases.h"
+#include "fem/surface.h"
 #include "fem/tet_mesh.h"
 
 namespace nmp::fem {
@@ -125,6 +126,22 @@ TEST_SUITE("fem/mesh_cube") {
     }
     CHECK(single == 2 * 6 * 81);
     CHECK(more == 0);
+  }
+
+  TEST_CASE("a box has its cells along each axis, its volume, and a surface without gaps") {
+    const TetMesh<double> mesh = box_mesh({4, 3, 2}, {2, 1, 0.5});
+    CHECK(mesh.n_vertices() == 5 * 4 * 3);
+    CHECK(mesh.n_tets() == 5 * 24);
+    CHECK(mesh.total_volume() == doctest::Approx(1));
+    CHECK(mesh.vertices().colwise().maxCoeff() == Eigen::RowVector3d(1, 0.5, 0.25));
+    CHECK(mesh.vertices().colwise().minCoeff() == Eigen::RowVector3d(-1, -0.5, -0.25));
+    CHECK(surface_triangles(mesh.tets()).rows() == 2 * 2 * (12 + 8 + 6));
+    const TetMesh<double> cube = cube_mesh(5, 0.7), same = box_mesh({4, 4, 4}, {0.7, 0.7, 0.7});
+    CHECK(cube.vertices() == same.vertices());
+    CHECK(cube.tets() == same.tets());
+    CHECK_THROWS_AS(box_mesh({0, 1, 1}, {1, 1, 1}), std::invalid_argument);
+    CHECK_THROWS_AS(box_mesh({1 << 10, 1 << 10, 1 << 10}, {1, 1, 1}), std::invalid_argument);
+    CHECK_THROWS_AS(box_mesh({1, 1, 1}, {1, 0, 1}), std::invalid_argument);
   }
 
   TEST_CASE("refuses less than two vertices along an edge and a side that is not positive") {

@@ -27,6 +27,8 @@ expect 0 report --model m --data d --eval eval.json -o p.html
 expect 0 view d -o v.html
 cp m m.kept && cp r r.kept && cp p.html p.kept && cp v.html v.kept && cp d/manifest.json manifest.kept
 cp m.metrics.jsonl metrics.kept
+expect 0 mesh box -o box.msh --size 1,1,1 --cells 2,2,2
+expect 0 mesh surface box.msh -o box.stl
 
 # 1. Every command, with arguments that make sense for it but for one.
 declare -A complete=(
@@ -48,6 +50,10 @@ declare -A complete=(
   ["config list"]=""
   ["config scene"]="cube"
   ["config train"]="fast"
+  ["mesh check"]="box.stl"
+  ["mesh tet"]="box.stl -o new.msh"
+  ["mesh box"]="-o new.msh --size 1,1,1 --cells 2,2,2"
+  ["mesh surface"]="box.msh -o new.stl"
 )
 # A sanitized program takes half a second to start: fewer of what the parser of options alone sees.
 values=('' -1 x 1e99 99999999999999999999999 nan)
@@ -86,7 +92,9 @@ for command in "${!complete[@]}"; do
     grad-check | bench | reproduce* | "config list") ;;
     *) expect 2 "${name[@]}" ;;
   esac
-  [ ! -e new ] || complain "nmp $command: a refused command line left a file"
+  for file in new new.msh new.stl; do
+    [ ! -e $file ] || complain "nmp $command: a refused command line left a file"
+  done
 done
 expect 2 "$huge"
 expect 2 data "$huge"
