@@ -47,7 +47,7 @@ std::string format(const Options& o) {
 
 fem::TetMesh<double> read_body(const Options& o) {
   fem::RawMesh raw = fem::read_mesh(o.mesh);
-  fem::turn_and_scale(raw, o.scale, o.up == "y");
+  fem::turn_and_scale(raw.vertices, o.scale, o.up == "y");
   const fem::RepairedMesh repaired = fem::repair(raw, printable(o.mesh));
   for (const std::string& warning : repaired.warnings) common::note("warning: " + warning);
   return {repaired.mesh.vertices, repaired.mesh.tets};

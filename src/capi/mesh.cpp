@@ -43,7 +43,7 @@ nmp_status nmp_mesh_load(const char* path, const nmp_mesh_options* options, nmp_
     if (!(std::isfinite(o.scale) && o.scale > 0))
       throw std::invalid_argument(text("options->scale must be > 0 and finite, got ", o.scale));
     fem::RawMesh raw = fem::read_mesh(path);
-    fem::turn_and_scale(raw, o.scale, o.y_up != 0);
+    fem::turn_and_scale(raw.vertices, o.scale, o.y_up != 0);
     const fem::RepairedMesh repaired = fem::repair(raw, printable(path));
     Mesh made(fem::TetMesh<double>(repaired.mesh.vertices, repaired.mesh.tets));
     for (const std::string& warning : repaired.warnings) made.report += warning + "\n";

@@ -56,7 +56,7 @@ ImportedBody make_imported_body(Rest rest, const ImportOptions& o) {
   const Index n_before = rest.mesh.vertices.rows();
   std::vector<Index> welded(static_cast<std::size_t>(n_before));
   for (Index i = 0; i < n_before; ++i) welded[static_cast<std::size_t>(i)] = i;
-  fem::turn_and_scale(rest.mesh, o.scale, o.y_up);
+  fem::turn_and_scale(rest.mesh.vertices, o.scale, o.y_up);
   if (o.weld) welded = fem::weld(rest.mesh);
   const bool all_apart =
       !o.weld && rest.mesh.tets.rows() > 1 && n_before == 4 * rest.mesh.tets.rows();
@@ -143,11 +143,11 @@ class Motion {
   State recorded(Index k, const ImportedBody& body, const fem::Tets& tets) {
     const FrameSeries::Frame& frame = series_.frame(k, tets);
     const auto chosen = [&](const Matrix<double>& all, double scale) {
-      fem::RawMesh rows{Matrix<double>(static_cast<Index>(body.rows.size()), 3), {}, {}};
-      for (Index i = 0; i < rows.vertices.rows(); ++i)
-        rows.vertices.row(i) = all.row(body.rows[static_cast<std::size_t>(i)]);
+      Matrix<double> rows(static_cast<Index>(body.rows.size()), 3);
+      for (Index i = 0; i < rows.rows(); ++i)
+        rows.row(i) = all.row(body.rows[static_cast<std::size_t>(i)]);
       fem::turn_and_scale(rows, scale, options_.y_up);
-      return rows.vertices;
+      return rows;
     };
     State state{chosen(frame.x, options_.scale), {}, {}};
     if (frame.v) state.v = chosen(*frame.v, options_.scale);
