@@ -264,8 +264,8 @@ class Survey {
     add(SurfaceDefect::crossing, marks);
     const Index n_given_up = std::count(given_up.begin(), given_up.end(), 1);
     if (n_given_up > 0) {
-      result.notes.push_back(text(n_given_up, " triangles have more than ", kMostNeighbours,
-                                  " others around them: not all were tried for crossings"));
+      findings.notes.push_back(text(n_given_up, " triangles have more than ", kMostNeighbours,
+                                    " others around them: not all were tried for crossings"));
     }
   }
 
