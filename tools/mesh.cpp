@@ -122,8 +122,10 @@ void check_surface(const Options& o, std::size_t ids) {
   fem::RawSurface raw = fem::read_surface(o.in.file);
   o.in.place(raw.vertices);
   const fem::SurfaceFindings findings = fem::check_surface(raw, ids);
+  std::vector<std::string> notes = raw.notes;
+  notes.insert(notes.end(), findings.notes.begin(), findings.notes.end());
   std::string lines;
-  const Json list = list_findings(findings, raw.notes, lines);
+  const Json list = list_findings(findings, notes, lines);
   const Json json = {{"file", o.in.file},
                      {"n_vertices", raw.vertices.rows()},
                      {"n_triangles", raw.triangles.rows()},
@@ -134,7 +136,7 @@ void check_surface(const Options& o, std::size_t ids) {
                      {"closed", !findings.refused() && findings.closed()},
                      {"usable", !findings.refused()},
                      {"findings", list},
-                     {"notes", raw.notes}};
+                     {"notes", notes}};
   if (!findings.refused()) {
     lines +=
         text("a surface that 'nmp mesh tet' can fill: ", raw.triangles.rows(), " triangles",

@@ -17,7 +17,7 @@ using Vec = Vec3<double>;
 
 constexpr double kOnSurface = 1e-6;  // of a cell
 constexpr double kApart = 1e-3;      // of a cell: parts that met in a vertex
-constexpr Index kSamples = 4096;     // of the area
+constexpr Index kSamples = 1024;     // of the area
 constexpr double kBeside = 1e-6;     // of the diagonal
 constexpr double kLost = 1.25;       // cells: sharp edges are cut off by up to one
 constexpr double kVolumeOff = 0.1;   // of the surface's volume: worth a warning

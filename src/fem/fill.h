@@ -25,7 +25,7 @@ struct FilledSurface {
   Lattice lattice;
   BodyParts parts;
   double volume = 0;
-  /// How far the surface is from that of the mesh, at the worst of some thousand places, in cells;
+  /// How far the surface is from that of the mesh, at the worst of a thousand places, in cells;
   /// and the part of the area that is more than one cell from it.
   double distance = 0;
   Vec3<double> farthest = Vec3<double>::Zero();

@@ -20,7 +20,7 @@ constexpr std::size_t kShown = 10;  // ids of a finding in a message
 constexpr double kExtreme = 1e100;  // coordinates whose squares and cubes are still numbers
 constexpr double kFarAway = 1e9;    // coordinates over the diagonal: seven digits are left
 constexpr double kMostOpen = 0.15;  // openness of a body
-constexpr Index kSamples = 4096;    // of the area
+constexpr Index kSamples = 1024;    // of the area
 constexpr double kBeside = 1e-6;    // of the diagonal: how far beside it a sample is
 
 struct Row {
@@ -264,8 +264,8 @@ class Survey {
     add(SurfaceDefect::crossing, marks);
     const Index n_given_up = std::count(given_up.begin(), given_up.end(), 1);
     if (n_given_up > 0) {
-      result.notes.push_back(text(n_given_up, " triangles have more than ", kMostNeighbours,
-                                  " others around them: not all were tried for crossings"));
+      findings.notes.push_back(text(n_given_up, " triangles have more than ", kMostNeighbours,
+                                    " others around them: not all were tried for crossings"));
     }
   }
 

@@ -44,6 +44,7 @@ struct SurfaceFindings : Findings<SurfaceDefect> {
   /// surface, about 0.01 with a small hole, 0.1 for a box without its lid, 0.2 for half a sphere,
   /// 0.5 for a sheet.
   double openness = 0;
+  std::vector<std::string> notes;  // what was not looked for, for people
   bool closed() const {
     return count(SurfaceDefect::open) == 0 && count(SurfaceDefect::not_orientable) == 0;
   }

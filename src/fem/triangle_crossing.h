@@ -6,7 +6,7 @@ namespace nmp::fem {
 
 /// Triangles around one that are tried before the search is given up: a hostile file could make it
 /// take quadratic time.
-constexpr Index kMostNeighbours = 10000;
+constexpr Index kMostNeighbours = 2000;
 
 struct CrossingSearch {
   bool crosses = false;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "base/check.h"
 
@@ -158,18 +159,29 @@ double TriangleTree::winding_number(const Vec& x, Index except) const {
   return angle * over_4_pi();
 }
 
+// The nearer child first: most of the others are then too far.
 double TriangleTree::distance(const Vec& x, double limit) const {
   double nearest = limit * limit;
-  for (std::size_t i = 0; i < nodes_.size();) {
+  std::vector<std::pair<double, std::size_t>> open;  // squared distance of the box, node
+  if (!nodes_.empty()) open.emplace_back(nodes_[0].box.squared_distance(x), 0);
+  while (!open.empty()) {
+    const auto [d2, i] = open.back();
+    open.pop_back();
+    if (!(d2 < nearest)) continue;
     const Node& node = nodes_[i];
-    const bool near = node.box.squared_distance(x) < nearest;
-    if (near && node.leaf()) {
+    if (node.leaf()) {
       for (Index k = node.begin; k < node.end; ++k) {
         nearest =
             std::min(nearest, squared_distance(x, corners(order_[static_cast<std::size_t>(k)])));
       }
+      continue;
     }
-    i = near ? i + 1 : static_cast<std::size_t>(node.next);
+    const auto second = static_cast<std::size_t>(nodes_[i + 1].next);
+    std::pair<double, std::size_t> a{nodes_[i + 1].box.squared_distance(x), i + 1},
+        b{nodes_[second].box.squared_distance(x), second};
+    if (a.first < b.first) std::swap(a, b);
+    open.push_back(a);
+    open.push_back(b);
   }
   return std::sqrt(nearest);
 }

@@ -237,7 +237,7 @@ TEST_SUITE("fem/mesh_check") {
   TEST_CASE("a surface, and nothing at all, are refused with a word on what to do") {
     RawMesh surface = two_tets();
     surface.tets.resize(0, 4);
-    CHECK(contains(refusal(surface), "the mesh has no tetrahedron: a surface must be filled"));
+    CHECK(contains(refusal(surface), "the mesh has no tetrahedron: fill a surface"));
     CHECK(contains(refusal({Matrix<double>(0, 3), Tets(0, 4), {}}), "no tetrahedron"));
     CHECK_THROWS_AS(check_mesh({Matrix<double>(0, 2), Tets(0, 4), {}}), std::invalid_argument);
   }

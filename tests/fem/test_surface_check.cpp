@@ -179,6 +179,21 @@ TEST_SUITE("fem/surface_check") {
     CHECK(findings.volume == doctest::Approx(2));
   }
 
+  TEST_CASE("the search for crossings ends where everything is near everything, and says so") {
+    std::vector<std::array<double, 3>> x;
+    std::vector<std::array<int, 3>> f;
+    for (int i = 0; i < 2100; ++i) {  // a stack of slanted sheets
+      const double z = 1e-4 * i;
+      x.insert(x.end(), {{0, 0, z}, {1, 0, z + 1}, {0, 1, z + 1}});
+      f.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+    }
+    const SurfaceFindings findings = check_surface(make_surface(x, f));
+    CHECK(findings.count(SurfaceDefect::crossing) == 0);
+    REQUIRE(findings.notes.size() == 1);
+    CHECK(contains(findings.notes[0], "2100 triangles have more than 2000 others around them"));
+    CHECK(check_surface(box(1, 1, 1)).notes.empty());
+  }
+
   TEST_CASE("a Moebius strip is not orientable, and no body") {
     std::vector<std::array<double, 3>> x;
     std::vector<std::array<int, 3>> f;
