@@ -54,7 +54,8 @@ int main(int argc, char** argv) {
   for (size_t i = 0; i < n; ++i) desc.ground = fmin(desc.ground, rest[3 * i + 2] - 0.05);
   check(nmp_sim_create(mesh, NULL, &desc, &sim));
 
-  double velocity[3] = {0, 0, 0}, gradient[3], rate = 1;
+  double velocity[3] = {0, 0, -2}; /* against the ground, so that it bounces */
+  double gradient[3], rate = 1;
   double loss = miss(sim, rest, n, velocity, buffer, gradient);
   for (int k = 0; k < 60 && loss > 1e-8; ++k) {
     double next[3], next_gradient[3];

@@ -22,15 +22,13 @@ static int stress(void* user, size_t n, const double* F, double* P) {
     double E[9], S[9];
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j)
-        E[3 * i + j] =
-            0.5 * (F[i] * F[j] + F[3 + i] * F[3 + j] + F[6 + i] * F[6 + j] - (i == j));
+        E[3 * i + j] = 0.5 * (F[i] * F[j] + F[3 + i] * F[3 + j] + F[6 + i] * F[6 + j] - (i == j));
     const double trace = E[0] + E[4] + E[8];
     for (int k = 0; k < 9; ++k) S[k] = 2 * m->mu * E[k] + (k % 4 == 0 ? m->lambda * trace : 0);
     S[0] += m->fibre * E[0];
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j)
-        P[3 * i + j] =
-            F[3 * i] * S[j] + F[3 * i + 1] * S[3 + j] + F[3 * i + 2] * S[6 + j];
+        P[3 * i + j] = F[3 * i] * S[j] + F[3 * i + 1] * S[3 + j] + F[3 * i + 2] * S[6 + j];
   }
   return 0;
 }

@@ -1,4 +1,4 @@
-// A host with a rigid body of its own: a steel ball falls on an elastic body that is held at its
+// A host with a rigid body of its own: a ball falls on an elastic body that is held at its
 // bottom. The host integrates the ball, finds who touches it, and gives the same forces to both.
 //   host_loop body.msh
 #include <nmp.h>
@@ -37,7 +37,7 @@ Simulation make_simulation(const Mesh& mesh, const nmp_sim_desc& desc) {
 }
 
 struct Ball {
-  double radius = 0.2, mass = 40;  // [m], [kg]
+  double radius = 0.4, mass = 40;  // [m], [kg]
   std::array<double, 3> x{0, 0, 0}, v{0, 0, -1};
 
   void step(double h, const std::array<double, 3>& force) {

@@ -94,7 +94,7 @@ def main():
     print(f"lowest vertex at {x[:, 2].min():.4f} m; slope {slope:.6g}, by differences {difference:.6g}")
     nmp("nmp_sim_free", sim)
     nmp("nmp_mesh_free", mesh)
-    sys.exit(abs(slope - difference) > 1e-4 * abs(slope))
+    sys.exit(int(abs(slope - difference) > 1e-4 * abs(slope)))
 
 
 main()

@@ -10,8 +10,9 @@ namespace {
 
 constexpr std::size_t kMaxList = std::size_t{1} << 30;  // bytes of a list of files
 constexpr std::size_t kKept = 6;                        // frames; an interpolation reads four
-const std::vector<std::string> kVelocities{"v", "velocity", "Velocity"};
 constexpr const char* kForce = "f_int";
+
+std::vector<std::string> velocity_names() { return {"v", "velocity", "Velocity"}; }
 
 // A file that is named in another one.
 Path named_file(const Path& where, const std::string& name) {
@@ -56,7 +57,7 @@ fem::Tets FrameSeries::tets() const { return read(0, {}).mesh.tets; }
 const FrameSeries::Frame& FrameSeries::frame(Index k, const fem::Tets& tets) {
   NMP_CHECK(k >= 0 && k < n(), text("frame ", k, " is not within 0 ... ", n() - 1));
   if (const auto found = kept_.find(k); found != kept_.end()) return found->second;
-  std::vector<std::string> wanted = kVelocities;
+  std::vector<std::string> wanted = velocity_names();
   wanted.push_back(kForce);
   if (!displacement_.empty()) wanted.push_back(displacement_);
   const fem::VtuGrid grid = read(k, wanted);
@@ -81,7 +82,7 @@ const FrameSeries::Frame& FrameSeries::frame(Index k, const fem::Tets& tets) {
                             " in PointData, found none"));
     frame.x += *u;
   }
-  for (const std::string& name : kVelocities)
+  for (const std::string& name : velocity_names())
     if (const Matrix<double>* v = vectors(name); v != nullptr && !frame.v) frame.v = *v;
   if (const Matrix<double>* f = vectors(kForce)) frame.f = *f;
   if (kept_.size() == kKept)
