@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,20 @@ inline Scene tiny_scene() {
   scene.train = 2;
   scene.validation = 2;
   return scene;
+}
+
+/// A dataset of tiny_scene(), made at the first call and shared by all tests of the program.
+inline const Dataset& tiny_dataset(Index frames = 60, Index train = 2, Index validation = 2) {
+  static const Folder folder;
+  static std::map<std::string, Dataset> made;
+  const std::string name = text(frames, "-", train, "-", validation);
+  if (const auto found = made.find(name); found != made.end()) return found->second;
+  Scene scene = tiny_scene();
+  scene.frames = frames;
+  scene.train = train;
+  scene.validation = validation;
+  generate_dataset(scene, folder / name);
+  return made.emplace(name, Dataset::open(folder / name)).first->second;
 }
 
 /// A trajectory in memory: states 0 ... n and the forces on them, #V x 3 each.

@@ -15,17 +15,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const Dataset& tiny_dataset() {
-  static const test::Folder folder;
-  static const Dataset data = [] {
-    Scene scene = test::tiny_scene();
-    scene.frames = 12;
-    generate_dataset(scene, folder / "data");
-    return Dataset::open(folder / "data");
-  }();
-  return data;
-}
-
 ImportOptions options_of(const std::vector<Path>& train) {
   ImportOptions options;
   options.train = train;
@@ -63,7 +52,7 @@ double worst(const Trajectory& a, const std::function<Matrix<double>(Index)>& wa
 
 TEST_SUITE("nmp/data_import") {
   TEST_CASE("what was exported comes back to the last bit") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(12);
     const test::Folder folder;
     for (const bool zlib : {false, true}) {
       CAPTURE(zlib);

@@ -14,18 +14,6 @@ using Json = nlohmann::json;
 
 namespace {
 
-const Dataset& tiny_dataset() {
-  static const test::Folder folder;
-  static const Dataset data = [] {
-    Scene scene = test::tiny_scene();
-    scene.train = 1;
-    scene.validation = 3;
-    generate_dataset(scene, folder / "data");
-    return Dataset::open(folder / "data");
-  }();
-  return data;
-}
-
 Model<float> tiny_model(const Dataset& data, const std::string& form = "affine") {
   TrainConfig config;
   config.stress.hidden = {16, 24};
@@ -56,7 +44,7 @@ double relative(double a, double b) { return std::abs(a - b) / std::abs(b); }
 
 TEST_SUITE("nmp/evaluate") {
   TEST_CASE("standing still and ballistic flight are their closed forms") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     const auto result = evaluate(model, data, at({5, 60}, {"rest", "ballistic"}));
     CHECK(result.methods.size() == 2);
@@ -115,7 +103,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("coarse physics is the plain simulator at h; the affine row with 1/rho, g too") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     model.info.stagger = 0;
     const auto result =
@@ -137,7 +125,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("the touching of the ground is counted by horizon") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     const std::vector<Index> horizons{1, 5, 10, 20, 60};
     const auto result = evaluate(model, data, at(horizons, {"rest"}));
@@ -158,7 +146,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("a method that diverges is counted, explained and held") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     model.stress.set_scales(1e12, 0.1);
     const auto result = evaluate(model, data, at({10, 60}, {"neural_law"}));
@@ -171,7 +159,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("the error of the stress net's forces is pooled along the truth") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     model.stress.set_scales(1e-9, 1);  // no force: the whole truth is missing
     CHECK(evaluate(model, data, at({60}, {"rest"})).force_error ==
@@ -198,7 +186,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("all methods that a dataset and a model allow") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     const auto names = [](const Evaluation& result) {
       std::set<std::string> keys;
       for (const auto& entry : result.methods) keys.insert(entry.first);
@@ -240,7 +228,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("the document has its keys, the table a row for every method") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     const auto result = evaluate(model, data, at({5, 60}));
     const Json json = Json::parse(to_json(result));
@@ -283,7 +271,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("chooses split and trajectories, and shows progress") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     auto options = at({5}, {"rest", "ballistic"});
     options.train_split = true;
@@ -304,7 +292,7 @@ TEST_SUITE("nmp/evaluate") {
   }
 
   TEST_CASE("refuses unknown methods and horizons outside the recording") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
     const auto error = [&](const EvaluateOptions& options) {
       return test::message<ConfigError>([&] { evaluate(model, data, options); });

@@ -16,17 +16,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const Dataset& tiny_dataset() {
-  static const test::Folder folder;
-  static const Dataset data = [] {
-    Scene scene = test::tiny_scene();
-    scene.frames = 20;
-    generate_dataset(scene, folder / "data");
-    return Dataset::open(folder / "data");
-  }();
-  return data;
-}
-
 ExportSource source_of(const Dataset& data) {
   return {data.mesh(), {}, &data.validation()[0], data.manifest().h, nullptr, {}};
 }
@@ -64,7 +53,7 @@ TEST_SUITE("nmp/export") {
   TEST_CASE(
       "a collection holds every frame to the last bit, its time, and the error of a rollout") {
     const test::Folder folder;
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(20);
     ExportSource source = source_of(data);
     source.record = &data.validation()[1];
     source.pinned = {2};
@@ -139,7 +128,7 @@ TEST_SUITE("nmp/export") {
 
   TEST_CASE("surfaces and the point cache move the same vertices") {
     const test::Folder folder;
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(20);
     const ExportSource source = source_of(data);
     const fem::Surface surface = fem::extract_surface(data.mesh().tets());
     const Exported obj = export_frames(source, folder / "s", options_of("obj", 10));
@@ -184,7 +173,7 @@ TEST_SUITE("nmp/export") {
       const char* const name = each.second;
       CAPTURE(name);
       const test::Folder folder;
-      const ExportSource source = source_of(tiny_dataset());
+      const ExportSource source = source_of(test::tiny_dataset(20));
       ExportOptions stopped = options_of(format);
       stopped.progress = [](double part) {
         if (part > 0.5) throw std::runtime_error("stop");
@@ -208,7 +197,7 @@ TEST_SUITE("nmp/export") {
 
   TEST_CASE("a folder with somebody's files is not replaced, an empty one is filled") {
     const test::Folder folder;
-    const ExportSource source = source_of(tiny_dataset());
+    const ExportSource source = source_of(test::tiny_dataset(20));
     ExportOptions options = options_of("vtu", 20);
     options.force = true;
     fs::create_directory(folder / "f");
@@ -229,7 +218,7 @@ TEST_SUITE("nmp/export") {
 
   TEST_CASE("a trajectory file by itself tells its frames and times, or is refused") {
     const test::Folder folder;
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset(20);
     const Path file = data.folder() / "val/001.safetensors";
     const TrajectoryFile opened = open_trajectory(file, 27);
     CHECK(opened.h == 5e-4);

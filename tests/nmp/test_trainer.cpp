@@ -43,15 +43,6 @@ TrainConfig tiny_config() {
 }
 
 // Made once.
-const Dataset& tiny_dataset() {
-  static const test::Folder folder;
-  static const Dataset data = [] {
-    generate_dataset(test::tiny_scene(), folder / "data");
-    return Dataset::open(folder / "data");
-  }();
-  return data;
-}
-
 using Weights = std::vector<Matrix<float>>;
 
 bool same(const Weights& a, const Weights& b) {
@@ -168,7 +159,7 @@ std::vector<Json> parse_lines(const std::string& lines) {
 
 TEST_SUITE("nmp/trainer") {
   TEST_CASE("input statistics are those of long double (NN8)") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     const Statistics wanted = statistics(data);
     TrainConfig config = tiny_config();
     for (const std::string form : {"affine", "paper"}) {
@@ -214,7 +205,7 @@ TEST_SUITE("nmp/trainer") {
 
   TEST_CASE("recordings that are not finite are refused when scales are made from them") {
     const auto damaged = [](const test::Folder& folder, auto what) {
-      auto recording = test::read_recording(tiny_dataset());
+      auto recording = test::read_recording(test::tiny_dataset());
       (recording.train[0].*what)[20](5, 1) = std::nan("");
       return test::write_dataset(folder.path(), recording);
     };
@@ -286,7 +277,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("a joint stage can do without forces, and keep its last weights") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     TrainConfig config = tiny_config();
     config.constitutive.iterations = config.integrate.iterations = 0;
     config.joint.keep = "last";
@@ -307,7 +298,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("a stage that observes positions reads neither velocities nor forces") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     test::Recording recording;
     recording.mesh = data.mesh();
     recording.physics = data.manifest().physics;
@@ -344,7 +335,7 @@ TEST_SUITE("nmp/trainer") {
 
   TEST_CASE("a record of positions alone, of an unknown law, trains both modules") {
     const test::Folder folder;
-    const Dataset data = test::write_positions(folder.path(), tiny_dataset());
+    const Dataset data = test::write_positions(folder.path(), test::tiny_dataset());
     TrainConfig config = tiny_config();
     config.constitutive.method = "rollout";
     config.constitutive.observed = config.joint.observed = "positions";
@@ -356,7 +347,7 @@ TEST_SUITE("nmp/trainer") {
     config.joint.volume_weight = 0;
     Traced run(config, data);
     // The scale of stresses and forces comes from accelerations: that of recorded forces within 2.
-    const auto forces = test::read_recording(tiny_dataset());
+    const auto forces = test::read_recording(test::tiny_dataset());
     auto unknown = forces;
     unknown.law_known = false;
     const test::Folder with_forces;
@@ -423,7 +414,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("the joint loss measures the elastic energy against the true law's") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     TrainConfig config = tiny_config();
     config.stress.form = "energy";
     config.joint.iterations = 0;
@@ -467,7 +458,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("the three stages bring the error down, and keep to their own weights") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     TrainConfig config = tiny_config();
     config.constitutive.iterations = 600;
     config.constitutive.lr = 5e-3;
@@ -510,7 +501,7 @@ TEST_SUITE("nmp/trainer") {
   TEST_CASE("a loss that is not finite changes nothing and is told (NN10)") {
     // Forces of frames 31 to 34 are NaN: whether a step meets them, its window decides.
     const test::Folder folder;
-    auto recording = test::read_recording(tiny_dataset());
+    auto recording = test::read_recording(test::tiny_dataset());
     for (std::size_t t = 31; t < 35; ++t) recording.train[0].f[t].setConstant(std::nan(""));
     const Dataset damaged = test::write_dataset(folder.path(), recording);
     TrainConfig config = tiny_config();
@@ -518,8 +509,8 @@ TEST_SUITE("nmp/trainer") {
     config.integrate.iterations = 30;
 
     // What the steps do without the damage.
-    Traced clean(config, tiny_dataset(), "integration");
-    train(clean.model, tiny_dataset(), config, clean.options);
+    Traced clean(config, test::tiny_dataset(), "integration");
+    train(clean.model, test::tiny_dataset(), config, clean.options);
 
     // Stops by default.
     Traced stopped(config, damaged, "integration");
@@ -574,7 +565,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("a gradient that is not finite names its tensor (NN10)") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     const TrainConfig config = tiny_config();
     Traced run(config, data, "constitutive");
     // A hidden layer of 1e28 and a last one of 1e-14: the loss is finite, the last gradient is not.
@@ -589,7 +580,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("a run is repeated bit for bit, with 1, 2 and 3 threads, and another seed is another") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     TrainConfig config = tiny_config();
     std::vector<Weights> first;
     for (const int n_threads : {1, 1, 2, 3}) {
@@ -611,7 +602,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("a joint stage that changes no weight is an error") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     TrainConfig config = tiny_config();
     config.joint.lr = config.joint.lr_end = 0;
     Traced run(config, data, "joint");
@@ -623,7 +614,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("the better weights are kept: those before, in between or after") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     TrainConfig config = tiny_config();
     {
       config.integrate.lr = config.integrate.lr_end = 10;  // breaks what the closed form gave
@@ -662,7 +653,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("metrics are JSON lines: the fit, every step, every stage") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     const TrainConfig config = tiny_config();
     Traced run(config, data);
     train(run.model, data, config, run.options);
@@ -694,7 +685,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("stops when asked to, with the schedule of the whole run") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     const TrainConfig config = tiny_config();
     Traced whole(config, data), run(config, data);
     train(whole.model, data, config, whole.options);
@@ -716,7 +707,7 @@ TEST_SUITE("nmp/trainer") {
   }
 
   TEST_CASE("refuses what it cannot train, with the reason") {
-    const Dataset& data = tiny_dataset();
+    const Dataset& data = test::tiny_dataset();
     TrainConfig config = tiny_config();
     Traced run(config, data);
     TrainOptions options;

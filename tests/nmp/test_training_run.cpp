@@ -43,18 +43,6 @@ TrainConfig tiny_config() {
 }
 constexpr Index kSteps = 30;
 
-const Dataset& tiny_dataset() {
-  static const test::Folder folder;
-  static const Dataset data = [] {
-    Scene scene = test::tiny_scene();
-    scene.frames = 12;
-    scene.substeps = 10;
-    generate_dataset(scene, folder / "data");
-    return Dataset::open(folder / "data");
-  }();
-  return data;
-}
-
 // Metrics without what a clock says.
 std::string logged(const Path& path) {
   std::istringstream lines(get(path));
@@ -78,7 +66,7 @@ Result result_of(const Path& out) { return {get(out), logged(metrics_path(out))}
 
 TrainingRun run(const Path& out, const TrainingRunOptions& options,
                 const TrainConfig& config = tiny_config()) {
-  return run_training(config, tiny_dataset(), out, options);
+  return run_training(config, test::tiny_dataset(12), out, options);
 }
 
 const Result& uninterrupted() {
@@ -316,7 +304,8 @@ TEST_SUITE("nmp/training_run") {
     CHECK(contains(message<ConfigError>([&] { run(out, options); }), "--model was not given"));
     options.start = Path();
     const test::Folder other;
-    const Dataset data = test::write_dataset(other.path(), test::read_recording(tiny_dataset()));
+    const Dataset data =
+        test::write_dataset(other.path(), test::read_recording(test::tiny_dataset(12)));
     CHECK(contains(message<ConfigError>([&] { run_training(tiny_config(), data, out, options); }),
                    "the dataset's manifest was of hash"));
     CHECK(names(folder.path()) == before);
