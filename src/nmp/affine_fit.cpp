@@ -58,7 +58,7 @@ class NormalEquations {
     ++n_;
   }
 
-  AffineFit solve() const {
+  AffineFit solve(Index window) const {
     Eigen::Matrix4d A = Eigen::Matrix4d::Zero();
     A(0, 0) = phi_squares_;
     for (int axis = 0; axis < 3; ++axis) {
@@ -68,16 +68,25 @@ class NormalEquations {
     const Eigen::LDLT<Eigen::Matrix4d> factor(A);
     if (n_ < 4 || factor.info() != Eigen::Success || !factor.isPositive() ||
         factor.rcond() < 1e-24 || !(A.diagonal().minCoeff() > 0))
-      throw NumericalError(
-          text("the recorded forces do not determine the affine part of the "
-               "integrator (",
-               n_, " equations): is the body at rest throughout?"));
+      refuse("");
     const Eigen::Vector4d w = factor.solve(rhs_);
     const double squares = targets_ - 2 * w.dot(rhs_) + w.dot(A * w);
-    return {w(0), w.tail<3>(), std::sqrt(std::max(0.0, squares / static_cast<double>(n_))), n_};
+    const double residual = std::sqrt(std::max(0.0, squares / static_cast<double>(n_)));
+    // Windows that overlap share their errors.
+    const double deviation = residual * std::sqrt(static_cast<double>(window) *
+                                                  factor.solve(Eigen::Vector4d::Unit(0))(0));
+    if (!(w(0) > 10 * deviation))
+      refuse(text(": alpha = ", w(0), " +- ", deviation, " m3/kg, expected a tenth of it at most"));
+    return {w(0), w.tail<3>(), residual, n_};
   }
 
  private:
+  [[noreturn]] void refuse(const std::string& found) const {
+    throw NumericalError(
+        text("the recorded forces do not determine the affine part of the integrator (", n_,
+             " equations)", found, "; record motions that deform the body, such as longer ones"));
+  }
+
   double phi_squares_ = 0, phi_[3] = {0, 0, 0}, count_[3] = {0, 0, 0}, targets_ = 0;
   Eigen::Vector4d rhs_ = Eigen::Vector4d::Zero();
   Index n_ = 0;
@@ -143,7 +152,7 @@ AffineFit fit_affine(const Dataset& dataset, const std::vector<const Trajectory*
                             "; choose a shorter one with train.integration.fit_window"));
     add_windows(dataset, *trajectory, window, stagger, equations);
   }
-  return equations.solve();
+  return equations.solve(window);
 }
 
 }  // namespace nmp

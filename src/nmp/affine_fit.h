@@ -21,7 +21,7 @@ struct AffineFit {
 /// for every window of every trajectory and every vertex. Pinned vertices are left out, and those
 /// that touch the ground inside the window, where friction may act.
 /// @throws InputError  if the trajectories hold no f_int or are shorter than the window;
-///         NumericalError if the forces do not determine alpha
+///         NumericalError if the forces do not tell alpha to a tenth: a body that falls freely
 AffineFit fit_affine(const Dataset& dataset, const std::vector<const Trajectory*>& trajectories,
                      Index window, double stagger);
 

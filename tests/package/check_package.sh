@@ -21,7 +21,7 @@ try_all() {
   inside "$nmp" --version
   inside "$nmp" mesh box --size 1,1,1 --cells 3,3,3 -o /box.msh
   inside "$nmp" data gen --mesh /box.msh --set dataset.train=2 --set dataset.validation=1 \
-    --set time.frames=120 -o /data
+    --set time.frames=400 -o /data
   inside "$nmp" train fast --data /data --set train.constitutive.iterations=20 \
     --set train.joint.iterations=1 -o /box.safetensors
   inside "$nmp" eval --model /box.safetensors --data /data --json >eval.json
