@@ -171,7 +171,29 @@ void check(const Options& o) {
   if (!o.out.empty()) fem::write_mesh(o.out, fem::repair(raw, o.in.file).mesh, {o.binary, false});
 }
 
+void convert_surface(const Options& o) {
+  if (!fem::is_surface_file(o.out))
+    throw ConfigError(text(in_quotes(o.out),
+                           ": a surface is written as .obj, .stl or .ply; 'nmp "
+                           "mesh tet' fills it with tetrahedra"));
+  if (o.gmsh2) throw ConfigError("--gmsh2 goes with a mesh, not with a surface");
+  refuse_to_overwrite(o.out, o.flags.force);
+  fem::RawSurface surface = fem::read_surface(o.in.file);
+  o.in.place(surface.vertices);
+  mesh_tool::warn(surface.notes);
+  if (o.fix) {
+    const fem::RepairedSurface repaired = fem::repair(surface, printable(o.in.file));
+    mesh_tool::warn(repaired.warnings);
+    surface = repaired.surface;
+  }
+  fem::write_surface(o.out, surface, o.binary);
+  mesh_tool::print_surface(o.out, surface, o.flags);
+}
+
 void convert(const Options& o) {
+  if (fem::is_surface_file(o.in.file)) return convert_surface(o);
+  if (fem::is_surface_file(o.out))
+    throw ConfigError(in_quotes(o.out) + ": 'nmp mesh surface' writes the surface of a mesh");
   for (const Path& file : fem::mesh_files(o.out)) refuse_to_overwrite(file, o.flags.force);
   fem::RawMesh mesh = read(o);
   mesh_tool::warn(mesh.notes);
@@ -189,6 +211,8 @@ void convert(const Options& o) {
 }
 
 constexpr const char* kMesh = "Mesh: .msh (Gmsh), .node or .ele (TetGen), .vtk or .vtu";
+constexpr const char* kMeshOrSurface =
+    "Mesh: .msh, .node or .ele, .vtk or .vtu; or surface: .obj, .stl or .ply";
 
 }  // namespace
 
@@ -196,6 +220,16 @@ namespace mesh_tool {
 
 void warn(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) common::note("warning: " + warning);
+}
+
+void print_surface(const std::string& file, const fem::RawSurface& surface,
+                   const common::Flags& flags) {
+  const Json json = {{"surface", file},
+                     {"n_vertices", surface.vertices.rows()},
+                     {"n_triangles", surface.triangles.rows()}};
+  common::print(flags.json ? json.dump(1) + "\n"
+                           : text(file, ": ", surface.vertices.rows(), " vertices, ",
+                                  surface.triangles.rows(), " triangles\n"));
 }
 
 void add_input(CLI::App& app, Input& input, const char* name, const char* what) {
@@ -239,8 +273,7 @@ void add_mesh(CLI::App& app) {
                           "'refused'\nthe exit code is 3.",
                           {"nmp mesh check body.msh", "nmp mesh check body.vtk --all --json",
                            "nmp mesh check scan.stl --fix scan_fixed.ply"});
-  mesh_tool::add_input(look_closer, o->in, "FILE",
-                       "Mesh: .msh, .node or .ele, .vtk or .vtu; or surface: .obj, .stl or .ply");
+  mesh_tool::add_input(look_closer, o->in, "FILE", kMeshOrSurface);
   look_closer.add_option("--ids", o->ids, "How many vertices or tets to name for each defect")
       ->type_name("N")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 31).description(""));
@@ -253,11 +286,12 @@ void add_mesh(CLI::App& app) {
   look_closer.callback([o] { check(*o); });
 
   CLI::App& change = common::add_command(
-      mesh, "convert", "Write a mesh in another format, turned, scaled or repaired",
+      mesh, "convert", "Write a mesh or a surface in another format, turned, scaled or repaired",
       "The endings of the names say the formats.",
-      {"nmp mesh convert body.vtu body.msh", "nmp mesh convert body.node body.vtu --up y --fix",
+      {"nmp mesh convert body.vtu body.msh", "nmp mesh convert scan.obj scan.stl",
+       "nmp mesh convert body.node body.vtu --up y --fix",
        "nmp mesh convert body.msh body_m.msh --scale 0.001 --binary"});
-  mesh_tool::add_input(change, o->in, "IN", kMesh);
+  mesh_tool::add_input(change, o->in, "IN", kMeshOrSurface);
   change.add_option("OUT", o->out, "The file to write; of TetGen's pair either")->required();
   change.add_flag("--fix", o->fix, "Repair what 'nmp mesh check' calls repaired");
   change.add_flag("--binary", o->binary, "Write the binary form of the format");

@@ -2,6 +2,7 @@
 
 #include "common.h"
 #include "fem/mesh_file.h"
+#include "fem/surface_file.h"
 
 namespace nmp::mesh_tool {
 
@@ -18,6 +19,9 @@ void add_input(CLI::App& app, Input& input, const char* name, const char* what);
 
 /// Lines on stderr, each after "warning: ".
 void warn(const std::vector<std::string>& warnings);
+/// What was written, for people or as JSON.
+void print_surface(const std::string& file, const fem::RawSurface& surface,
+                   const common::Flags& flags);
 
 void add_tet(CLI::App& mesh);
 void add_box(CLI::App& mesh);

@@ -133,12 +133,7 @@ void surface(const Options& o) {
         repaired.mesh.vertices.row(skin.vertices[static_cast<std::size_t>(v)]);
   }
   fem::write_surface(o.out, surface, o.binary);
-  const Json json = {{"surface", o.out},
-                     {"n_vertices", surface.vertices.rows()},
-                     {"n_triangles", surface.triangles.rows()}};
-  common::print(o.flags.json ? json.dump(1) + "\n"
-                             : text(o.out, ": ", surface.vertices.rows(), " vertices, ",
-                                    surface.triangles.rows(), " triangles\n"));
+  print_surface(o.out, surface, o.flags);
 }
 
 void add_output(CLI::App& app, Options& o, const char* what) {

@@ -65,7 +65,9 @@ expect 2 mesh info body.stl && says ".msh (Gmsh), .node or .ele (TetGen), .vtk o
 expect 2 mesh info body.node --scale 0
 expect 2 mesh info body.node --up x
 expect 2 mesh convert body.node && says "OUT"
-expect 2 mesh convert body.node out.stl
+expect 2 mesh convert body.node out.stl && says "'nmp mesh surface'"
+expect 2 mesh convert cube.stl out.msh && says "'nmp mesh tet'"
+expect 2 mesh convert cube.stl out.ply --gmsh2
 expect 2 mesh tet cube.stl && says "output"
 expect 2 mesh tet body.node -o x.msh && says ".obj, .stl or .ply"
 expect 2 mesh tet cube.stl -o x.stl
@@ -130,6 +132,10 @@ for form in obj: ply: ply:--binary stl: stl:--binary; do
 done
 expect 2 mesh surface box.msh -o skin.obj --binary && says "text only"
 expect 2 mesh surface box.msh -o "$from" && says "--force"
+expect 0 mesh convert "$from" turned.ply --scale 2 --up y --binary && prints "224 triangles"
+expect 0 mesh check turned.ply && prints "1 m3"
+expect 2 mesh convert "$from" turned.ply && says "--force"
+expect 0 mesh convert turned.ply turned.stl --fix --json && is_json
 expect 0 mesh tet "$from" -o one.vtu --json && is_json && prints '"n_parts": 1' && prints '"lost_area": 0.0'
 expect 0 mesh tet "$from" -o two.vtu --threads 3 && cmp -s one.vtu two.vtu ||
   complain "the number of threads changes a mesh"
