@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -148,6 +149,7 @@ class Fit {
   }
 
   Identified run() {
+    if (contains(options_.params, "E") && options_.guess.count("E") == 0) look_for_stiffness();
     // The steps per frame follow the stiffness, and what is fitted follows them a little.
     Index substeps = model_.stable_substeps();
     for (int round = 0; round < 4; ++round) {
@@ -160,6 +162,28 @@ class Fit {
   }
 
  private:
+  // Begins with that one of stiffnesses sqrt(10) apart that strays least from the record: one much
+  // too stiff blows up where a segment begins compressed, from one much too soft the way is long.
+  void look_for_stiffness() {
+    constexpr int kStiffer = 1, kSofter = 8;
+    double& log_E = model_.parameter("E").mutable_value()(0, 0);
+    const double first = log_E;
+    double best = first, least = std::numeric_limits<double>::infinity();
+    for (int k = -kStiffer; k <= kSofter; ++k) {
+      if (options_.progress)
+        options_.progress("a first E", static_cast<double>(k + kStiffer) / (kStiffer + kSofter));
+      log_E = first - 0.5 * k * std::log(10);
+      const FitObjective objective(model_, names_, segments_, options_.length,
+                                   model_.stable_substeps());
+      if (const double value = objective.value(); value < least) {
+        least = value;
+        best = log_E;
+      }
+    }
+    log_E = best;
+    guess_.material.E = std::exp(best);
+  }
+
   void solve(Index substeps, bool first) {
     FitObjective objective(model_, names_, segments_, options_.length, substeps);
     const double n = static_cast<double>(objective.n_residuals());

@@ -15,8 +15,8 @@ struct IdentifyOptions {
   std::vector<std::string> params{"E", "nu"};
   /// Where to begin, and what is held: E [Pa], nu, density [kg/m3], friction, drag [1/s].
   /// By default what is held is the record's (E and nu of its law at rest), friction and drag 0; a
-  /// fit begins with an E for which a step of half a frame is just stable, nu 0.3, and a little
-  /// friction and drag.
+  /// fit begins with nu 0.3, a little friction and drag, and that E which strays least of ten
+  /// around the one for which a step of half a frame is just stable.
   std::map<std::string, double> guess;
   std::string law;      // empty: the dataset's, if it is known, else neo-hookean
   Index segments = 16;  // of training trajectories, at random

@@ -108,6 +108,19 @@ TEST_SUITE("nmp/identify") {
     }
   }
 
+  TEST_CASE("without a guess it begins near what it finds, however soft the body is") {
+    for (const double E : {3e4, 4e5}) {
+      CAPTURE(E);
+      const Folder folder;
+      const Dataset data = recorded(folder, "d", {text("material.E=", E), "material.nu=0.4"});
+      const Identified found = identify(data, options({"E", "nu"}));
+      CHECK(found.converged);
+      CHECK(find(found, "E").value == doctest::Approx(E).epsilon(0.01));
+      MESSAGE("E ", E, " begun with ", find(found, "E").guess);
+      CHECK(std::abs(std::log10(find(found, "E").guess / E)) < 0.7);
+    }
+  }
+
   TEST_CASE("a wrong density is a wrong E; both together are a ratio; density alone is told by E") {
     const Folder folder;
     const Dataset data = recorded(folder, "d", {"material.E=4e5", "material.density=500"});
