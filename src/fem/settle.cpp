@@ -7,7 +7,8 @@
 
 namespace nmp::fem {
 
-Matrix<double> settle(const TetMesh<double>& mesh, const Physics& physics) {
+Matrix<double> settle(const TetMesh<double>& mesh, const Physics& physics,
+                      const std::function<bool()>& go_on) {
   NMP_CHECK(physics.ground || !physics.pinned.empty(),
             "a body with neither ground nor pins falls for ever: nothing to settle on");
   Physics smooth = physics;
@@ -29,6 +30,7 @@ Matrix<double> settle(const TetMesh<double>& mesh, const Physics& physics) {
   double last = 0;
   for (int k = 0; k < kMost; ++k) {
     simulator.advance(state, 1);
+    if (go_on && !go_on()) return {};
     double energy =
         state.v.rowwise().squaredNorm().dot(mesh.vertex_volumes().col(0)) / mesh.total_volume();
     if (energy < last) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <functional>
+
 #include "fem/material.h"
 #include "fem/tet_mesh.h"
 
@@ -12,6 +14,8 @@ namespace nmp::fem {
 /// @throws std::invalid_argument  as ProjectiveDynamics, and for a body with neither ground nor
 /// pins;
 ///         NumericalError  if it does not come to rest
-Matrix<double> settle(const TetMesh<double>& mesh, const Physics& physics);
+/// @param go_on  asked after every step; false ends it, with an empty matrix
+Matrix<double> settle(const TetMesh<double>& mesh, const Physics& physics,
+                      const std::function<bool()>& go_on = {});
 
 }  // namespace nmp::fem

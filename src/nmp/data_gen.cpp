@@ -281,16 +281,20 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
   }
 
   // 3. The trajectories, a group at a time.
-  const Matrix<double> shape = jobs.empty() ? Matrix<double>() : start_shape(scene, mesh);
   const double n_frames =
       static_cast<double>(scene.train + scene.validation) * static_cast<double>(scene.frames);
+  double done = n_frames - static_cast<double>(jobs.size()) * static_cast<double>(scene.frames);
+  const auto go_on = [&] {
+    if (options.progress) options.progress(done / n_frames);
+    return !(options.stop && options.stop());
+  };
   bool warned = false;
   const auto show_inverted = [&](const std::string& what) {
     if (!warned) warn(what + "; the law goes on, and more of them are not told");
     warned = true;
   };
-  double done = n_frames - static_cast<double>(jobs.size()) * static_cast<double>(scene.frames);
-  bool stopped = false;
+  const Matrix<double> shape = jobs.empty() ? Matrix<double>() : start_shape(scene, mesh, go_on);
+  bool stopped = !jobs.empty() && shape.size() == 0;
   const std::size_t n_group =
       kPerThread * std::min(static_cast<std::size_t>(threads()), kMaxThreads);
   for (std::size_t first = 0; first < jobs.size() && !stopped; first += n_group) {
@@ -299,8 +303,7 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
                                  jobs.begin() + static_cast<std::ptrdiff_t>(last));
     const auto frame_done = [&] {
       done += static_cast<double>(group.size());
-      if (options.progress) options.progress(done / n_frames);
-      return !(options.stop && options.stop());
+      return go_on();
     };
     try {
       stopped =

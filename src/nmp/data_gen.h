@@ -11,12 +11,12 @@ namespace nmp {
 
 struct DataGenOptions {
   bool force = false;  // start over in a folder that holds something else
-  /// Called after every frame of a group of trajectories with the part of the work that is done, in
-  /// [0, 1].
+  /// Called while a body settles and after every frame of a group of trajectories with the part of
+  /// the work that is done, in [0, 1].
   std::function<void(double)> progress;
   /// Told of things a user should know, such as a step above the stability limit, before step 1.
   std::function<void(const std::string&)> warn;
-  /// Asked after every frame; true stops with what is complete kept.
+  /// Asked while a body settles and after every frame; true stops with what is complete kept.
   std::function<bool()> stop;
 };
 

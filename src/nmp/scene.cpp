@@ -250,8 +250,9 @@ std::uint64_t trajectory_seed(const Scene& scene, const std::string& split, Inde
   return Random(scene.seed).split(split).split(static_cast<std::uint64_t>(index)).bits(0) >> 11;
 }
 
-Matrix<double> start_shape(const Scene& scene, const fem::TetMesh<double>& mesh) {
-  return scene.settled ? fem::settle(mesh, scene.physics) : mesh.vertices();
+Matrix<double> start_shape(const Scene& scene, const fem::TetMesh<double>& mesh,
+                           const std::function<bool()>& go_on) {
+  return scene.settled ? fem::settle(mesh, scene.physics, go_on) : mesh.vertices();
 }
 
 fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>& mesh,

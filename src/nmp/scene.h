@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -90,12 +91,13 @@ std::uint64_t trajectory_seed(const Scene& scene, const std::string& split, Inde
 /// about its centre of mass, then lifted or lowered to its clearance; all free vertices have one
 /// velocity. Pins by rule must have become physics.pinned.
 /// @param shape  positions of the body before that, #V x 3 [m]: start_shape(), which is the same
-/// for
-///        all trajectories
+///        for all trajectories
 fem::State<double> initial_state(const Scene& scene, const fem::TetMesh<double>& mesh,
                                  const Matrix<double>& shape, const std::string& split,
                                  Index index);
-/// Its rest positions, or those of a body that has settled.
-Matrix<double> start_shape(const Scene& scene, const fem::TetMesh<double>& mesh);
+/// Its rest positions, or those of a body that has settled, which takes a while: go_on as of
+/// fem::settle.
+Matrix<double> start_shape(const Scene& scene, const fem::TetMesh<double>& mesh,
+                           const std::function<bool()>& go_on = {});
 
 }  // namespace nmp

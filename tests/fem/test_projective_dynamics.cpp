@@ -342,6 +342,9 @@ TEST_SUITE("fem/projective_dynamics") {
     CHECK(difference(state.x, x) <= 0.01 * sag);
     CHECK(
         contains(message<std::invalid_argument>([&] { settle(mesh, soft()); }), "neither ground"));
+    int steps = 0;
+    CHECK(settle(mesh, physics, [&] { return ++steps < 3; }).size() == 0);
+    CHECK(steps == 3);
   }
 
   TEST_CASE("bad input is refused by name") {
