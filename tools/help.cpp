@@ -4,6 +4,7 @@
 //   source <(nmp completion bash)
 
 #include <memory>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,23 @@ std::string title(const std::string& page) {
   return line.substr(line.find_first_not_of("# "));
 }
 
+// A page without what only its test reads: hidden commands, and words after a fence's language.
+std::string for_terminal(const std::string& page) {
+  std::istringstream lines(page);
+  std::string result;
+  bool hidden = false, was_hidden = false;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.rfind("<!--", 0) == 0) hidden = true;
+    if (!hidden && !(was_hidden && line.empty())) {
+      const bool fence = line.rfind("```", 0) == 0;
+      result += (fence ? line.substr(0, line.find(' ')) : line) + "\n";
+    }
+    was_hidden = hidden;
+    if (line.rfind("-->", 0) == 0) hidden = false;
+  }
+  return result;
+}
+
 void show_page(const std::string& topic) {
   if (topic.empty()) {
     std::string text = "nmp help TOPIC prints a page, nmp COMMAND --help a command's options:\n";
@@ -36,7 +54,7 @@ void show_page(const std::string& topic) {
                       (nearest.empty() ? "" : "; did you mean " + nearest + "?") +
                       " (nmp help names them)");
   }
-  common::print(page);
+  common::print(for_terminal(page));
 }
 
 // Of a command and those below it, what may follow: "data gen) words='...' ;;".

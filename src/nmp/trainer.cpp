@@ -133,9 +133,12 @@ class Run {
   TrainResult run() {
     if (options_.resume) state_ = *options_.resume;
     const bool all = options_.stage == "all";
+    const bool integrates = all || options_.stage == "integration";
+    // Fails in a moment where the data do not tell, so before what takes long.
+    if (integrates && model_.integration.affine() && state_.done.insert("fit").second) set_affine();
     try {
       if (all || options_.stage == "constitutive") constitutive();
-      if (all || options_.stage == "integration") integration();
+      if (integrates) integration();
       if (all || options_.stage == "joint") joint();
     } catch (const Stopped&) {
       result_.complete = false;
@@ -173,11 +176,9 @@ class Run {
              model_.stress.parameters(), simulation(model_.stress, setting_.euler()));
   }
 
-  // Stage 1b: the integrator, with the analytic law beside it. The affine part comes first, in
-  // closed form.
+  // Stage 1b: the integrator, with the analytic law beside it.
   void integration() {
     const StageConfig& stage = config_.integrate;
-    if (model_.integration.affine() && state_.done.insert("fit").second) set_affine(stage);
     if (done("integration", stage)) return;
     if (!setting_.law_known())
       throw ConfigError(
@@ -194,11 +195,12 @@ class Run {
 
   // The affine part in closed form, from recorded forces; without them it is what the manifest says
   // of the body and its surroundings.
-  void set_affine(const StageConfig& stage) {
+  void set_affine() {
     AffineFit fit;
+    const Index window = config_.integrate.fit_window;
     if (has_forces()) {
-      fit = fit_affine(dataset_, learn_, stage.fit_window, model_.info.stagger);
-      say(text("affine part from ", fit.n_equations, " windows of ", stage.fit_window,
+      fit = fit_affine(dataset_, learn_, window, model_.info.stagger);
+      say(text("affine part from ", fit.n_equations, " windows of ", window,
                " frames: 1/alpha = ", 1 / fit.alpha, " kg/m3, b = (", fit.b[0], ", ", fit.b[1],
                ", ", fit.b[2], ") m/s2, rms left ", fit.residual, " m/s2"));
       log({{"event", "fit"},

@@ -54,7 +54,7 @@ expect 2 data gen cube -o typo --set time.framse=3 && says "frames"
 
 # 4. A whole small project; --json is one document.
 tiny=(--set mesh.vertices_per_edge=3 --set time.frames=24 --set time.dt=1e-4 --set time.substeps=5
-  --set dataset.train=2 --set dataset.validation=2)
+  --set dataset.train=2 --set dataset.validation=2 --set initial.clearance=0.001)
 quick=(--set train.constitutive.iterations=3 --set train.constitutive.batch=64
   --set train.integration.iterations=2 --set train.integration.batch=64
   --set train.integration.fit_window=6 --set train.integration.window_start=4
@@ -84,7 +84,7 @@ learned_E=$(grep -m 1 '"E"' stdout)
 expect 0 model info m.safetensors --json && prints "$learned_E"
 expect 2 train fast --data d -o l2.safetensors --law m.safetensors --model m.safetensors
 # Thrown five times as fast as in training, the body is strained as it never was.
-expect 0 data gen cube -o fast "${tiny[@]}" --set initial.speed_min=15 --set initial.speed_max=15 \
+expect 0 data gen cube -o fast "${tiny[@]}" --set "initial.v_min=[0, 0, -15]" --set "initial.v_max=[0, 0, -15]" \
   --set initial.clearance=0 --set dataset.train=0 --set dataset.validation=1
 expect 0 rollout --model m.safetensors --data fast && says "go beyond the training's"
 [ "$(grep -c "go beyond" stderr)" -eq 1 ] || complain "the warning of strains is not given once"
@@ -92,17 +92,18 @@ expect 0 eval --model m.safetensors --data d --json && is_json && cp stdout eval
 expect 0 eval --model m.safetensors --data d && prints "neural"
 expect 2 eval --model m.safetensors --data d --horizons 25 && says "24"
 expect 2 eval --model m.safetensors --data d --methods nerual && says "neural"
-expect 0 data gen cube -o hit "${tiny[@]}" --set initial.clearance=0.001 --set time.frames=60 \
-  --set dataset.train=2
+expect 0 data gen cube -o hit "${tiny[@]}" --set initial.clearance=0.002 --set time.frames=60
 expect 0 fit --data hit --params E --guess E=2e5,nu=0.45 --segments 4 --length 20 && prints "Pa"
 expect 0 fit --data hit --params E,density --segments 4 --length 20 --json && is_json &&
   prints "E/density"
 expect 2 fit --data hit --params mass && says "these are: E, nu"
 expect 2 fit --data hit --guess E=stiff && says "NAME=VALUE"
 expect 2 fit --data d && says "too few for segments"
-expect 3 fit --data d --params E --length 5 && says "do not tell log E" && silent
+expect 0 data gen cube -o falls "${tiny[@]}" --set initial.clearance=0.1
+expect 3 fit --data falls --params E --length 5 && says "do not tell log E" && silent
 expect 0 rollout --model m.safetensors --data d -o r.safetensors --json && is_json
 expect 2 rollout --model m.safetensors --data d -o r.safetensors && says "--force"
+expect 4 train fast --data falls -o none.safetensors "${quick[@]}" && says "motions that deform the body"
 expect 2 rollout --model m.safetensors --data d --trajectory 2 && says "from 0"
 expect 2 rollout --data d --constitutive stvk --integrator semi-implicit --dt 3e-4 && says "divide"
 expect 2 rollout --data d --constitutive stvk --integrator semi-implicit --nu 0.5 && says "nu"
@@ -224,6 +225,8 @@ expect 2 config && says "list, scene, train"
 # The pages, and the shell's Tab key.
 expect 0 help && prints "formats" && prints "embedding"
 expect 0 help formats && prints "manifest.json"
+expect 0 help studies && prints "nmp reproduce"
+! grep -q -e '<!--' -e '^```sh ' stdout || complain "nmp help shows what only a test reads"
 expect 2 help formast && says "did you mean formats"
 expect 0 completion bash && cp stdout completion
 bash -c 'source ./completion; COMP_WORDS=(nmp data ver); COMP_CWORD=2; _nmp

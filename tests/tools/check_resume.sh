@@ -7,7 +7,8 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 
 # 1. What the run ends with if nothing stops it.
 "$nmp" data gen cube -o d --set mesh.vertices_per_edge=3 --set time.frames=24 --set time.dt=1e-4 \
-  --set time.substeps=5 --set dataset.train=3 --set dataset.validation=1 >stdout 2>stderr ||
+  --set time.substeps=5 --set dataset.train=3 --set dataset.validation=1 \
+  --set initial.clearance=0.001 >stdout 2>stderr ||
   complain "no dataset"
 settings=(--data d --set train.constitutive.iterations=900 --set train.constitutive.batch=64
   --set train.constitutive.select_every=200 --set train.integration.iterations=150

@@ -10,7 +10,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/program.sh"
 
 # 0. A small project to try them on.
 tiny=(--set mesh.vertices_per_edge=2 --set time.frames=24 --set time.dt=1e-4 --set time.substeps=5
-  --set dataset.train=2 --set dataset.validation=1)
+  --set dataset.train=2 --set dataset.validation=1 --set initial.clearance=0.001)
 quick=(--set train.constitutive.iterations=3 --set train.constitutive.batch=64
   --set train.integration.iterations=2 --set train.integration.batch=64
   --set train.integration.fit_window=6 --set train.integration.window_start=4
