@@ -3,15 +3,13 @@
 #include <unistd.h>
 
 #include <cstdlib>
-#include <filesystem>
 #include <string>
 
 #include "base/check.h"
+#include "installation.h"
 
 namespace nmp {
 namespace {
-
-namespace fs = std::filesystem;
 
 // Of this build; the one that chooses is the one that runs everywhere.
 constexpr const char* kLevel = NMP_LEVEL;
@@ -33,11 +31,8 @@ bool runs_here(const std::string& level) {
 
 // The build of `level` in the package that this program belongs to; empty if there is none.
 std::string program_of(const std::string& level) {
-  std::error_code error;
-  const fs::path self = fs::read_symlink("/proc/self/exe", error);
-  if (error) return "";
-  const fs::path program = self.parent_path().parent_path() / "libexec" / "nmp" / ("nmp-" + level);
-  return access(program.c_str(), X_OK) == 0 ? program.string() : "";
+  const Path program = installed(Path("libexec/nmp") / ("nmp-" + level));
+  return !program.empty() && access(program.c_str(), X_OK) == 0 ? program.string() : "";
 }
 
 // Empty: this one.

@@ -5,11 +5,13 @@
 //   nmp reproduce unseen --scale small --meshes meshes
 //   nmp reproduce studies --meshes meshes
 
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "base/check.h"
 #include "common.h"
+#include "installation.h"
 #include "nmp/study.h"
 #include "nmp/table1.h"
 
@@ -17,10 +19,18 @@ namespace nmp {
 namespace {
 
 struct Options {
-  std::string models = "models", work = "out/reproduce", meshes, scale = "paper";
+  std::string models;  // empty: those that ship
+  std::string work = "out/reproduce", meshes, scale = "paper";
   std::vector<std::string> scenes;
   common::Flags flags;
 };
+
+Path models_folder(const Options& o) {
+  if (!o.models.empty()) return o.models;
+  const Path here = "models";
+  const Path shipped = std::filesystem::is_directory(here) ? Path() : installed("share/nmp/models");
+  return shipped.empty() ? here : shipped;
+}
 
 std::string cell_or_dash(const std::optional<double>& value) {
   return value ? common::number(*value) : "-";
@@ -73,7 +83,7 @@ std::string to_std_text(const Table1& table) {
 
 void run(const Options& o, bool std_only) {
   Table1Options options;
-  options.models = o.models;
+  options.models = models_folder(o);
   options.work = o.work;
   options.scenes = o.scenes;
   options.mesh_folders = {"."};
@@ -95,9 +105,10 @@ void run(const Options& o, bool std_only) {
 }
 
 void add_common(CLI::App& command, Options& o, const std::string& scales) {
-  command.add_option("--models", o.models, "Folder of SCENE.safetensors")
-      ->type_name("DIR")
-      ->capture_default_str();
+  command
+      .add_option("--models", o.models,
+                  "Folder of SCENE.safetensors (default: ./models, else those installed)")
+      ->type_name("DIR");
   command.add_option("--scale", o.scale, scales)
       ->check(CLI::IsMember({"smoke", "small", "paper"}))
       ->capture_default_str();
@@ -140,7 +151,7 @@ void run_studies(const Options& o, const std::vector<StudyKind>& kinds) {
   options.scale = o.scale == "smoke"   ? Scale::smoke
                   : o.scale == "small" ? Scale::small
                                        : Scale::paper;
-  options.models = o.models;
+  options.models = models_folder(o);
   options.work = o.work;
   options.mesh_folders = {"."};
   if (!o.meshes.empty()) options.mesh_folders.emplace_back(o.meshes);
