@@ -5,11 +5,12 @@
 
 Each page in an empty folder of its own, in the order of the page:
   ```sh            commands, by bash -euo pipefail
-  ```sh meshes     the same, where NMP_MESHES names the folder of BOB and SPOT
+  ```sh meshes     the same, where NMP_MESHES names the folder of BOB and SPOT; DIR is that folder
   ```sh full       the same, minutes long: with --full alone
+  ```sh started    commands of minutes or hours: each must still run after some seconds, or be done
   ```sh elsewhere  commands that cannot run in a test; only their nmp options are looked at
   ```toml a.toml   a file that the commands find
-  <!-- sh ... -->  commands that readers need not see
+  <!-- sh ... -->  commands that readers need not see, with the same marks
 The programs that it runs are those on PATH. Commands may continue what earlier fences made. Of every nmp
 command, also those that are not run, each option must be known to its --help.
 """
@@ -31,7 +32,7 @@ def pieces(text):
     i = 0
     while i < len(lines):
         fence = FENCE.match(lines[i])
-        hidden = lines[i].strip() == "<!-- sh"
+        hidden = re.match(r"^<!-- sh\b", lines[i])
         if not fence and not hidden:
             i += 1
             continue
@@ -43,7 +44,7 @@ def pieces(text):
             i += 1
         if i == len(lines):
             raise SystemExit(f"line {start}: the fence is not closed")
-        words = ["sh"] if hidden else fence.group(2).split()
+        words = lines[start - 1][5:].split() if hidden else fence.group(2).split()
         yield start, words[0] if words else "", words[1:], "\n".join(body) + "\n"
         i += 1
 
@@ -96,9 +97,33 @@ class Help:
         return ""
 
 
+def start_each(script, folder, seconds=3):
+    """What is wrong with each command on its own: it may end well, or still run and end when told."""
+    for line in script.replace("\\\n", " ").split("\n"):
+        if not line.strip():
+            continue
+        process = subprocess.Popen(["bash", "-c", "exec " + line], cwd=folder, text=True,
+                                   stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                   stderr=subprocess.STDOUT)
+        try:
+            output, _ = process.communicate(timeout=seconds)
+            if process.returncode != 0:
+                yield f"exit status {process.returncode} of\n{line}\n{output[-1500:]}"
+        except subprocess.TimeoutExpired:
+            process.terminate()
+            try:
+                process.communicate(timeout=60)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                yield f"still runs a minute after it was told to end: {line}"
+
+
 def run_page(page, options, known):
     failures, n_run, skipped = [], 0, []
+    meshes = os.environ.get("NMP_MESHES")
     with tempfile.TemporaryDirectory() as folder:
+        if meshes:
+            os.symlink(os.path.abspath(meshes), os.path.join(folder, "DIR"))
         for line, kind, words, body in pieces(page.read_text()):
             where = f"{page.name}:{line}"
             if kind != "sh":
@@ -111,18 +136,20 @@ def run_page(page, options, known):
                 wrong = known.check(command)
                 if wrong:
                     failures.append(f"{where}: {wrong}")
-            mark = words[0] if words else ""
-            if mark not in ("", "meshes", "full", "elsewhere"):
+            for mark in set(words) - {"meshes", "full", "started", "elsewhere"}:
                 failures.append(f"{where}: there is no mark '{mark}'")
-            why = {"meshes": "NMP_MESHES is not set" if not os.environ.get("NMP_MESHES") else "",
-                   "full": "" if options.full else "without --full",
-                   "elsewhere": "not for tests"}.get(mark, "")
+            why = ("not for tests" if "elsewhere" in words else
+                   "NMP_MESHES is not set" if "meshes" in words and not meshes else
+                   "without --full" if "full" in words and not options.full else "")
             if why:
                 skipped.append(f"{where}: {why}")
                 continue
+            n_run += 1
+            if "started" in words:
+                failures += [f"{where}: {what}" for what in start_each(body, folder)]
+                continue
             result = subprocess.run(["bash", "-euo", "pipefail", "-c", body], cwd=folder,
                                     stdin=subprocess.DEVNULL, capture_output=True, text=True)
-            n_run += 1
             if result.returncode != 0:
                 failures.append(f"{where}: exit status {result.returncode} of\n{body}"
                                 f"{result.stdout[-1500:]}{result.stderr[-1500:]}")
