@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <cstring>
+#include <fstream>
 #include <limits>
 
 #include "base/check.h"
@@ -200,6 +201,29 @@ TEST_SUITE("nmp/dataset") {
     // 2^31 - 1 states of 2^62 numbers: no product is formed that could wrap.
     CHECK_THROWS_AS(Trajectory(path, {"a.safetensors", 0, 2147483646, ""}, Index(1) << 62),
                     InputError);
+  }
+
+  TEST_CASE("numbers beyond the 2^31st of a file are where they belong (LB6)") {
+    const test::Folder folder;
+    const Path path = folder / "x.safetensors";
+    constexpr Index kVertices = 100000, kLast = 7200;  // 8.6 GB, all but a part of it a hole
+    constexpr std::uint64_t kFrameBytes = 12 * kVertices;
+    const std::string header = text(R"({"x":{"dtype":"F32","shape":[)", kLast + 1, ",", kVertices,
+                                    R"(,3],"data_offsets":[0,)", kFrameBytes * (kLast + 1), "]}}");
+    const std::uint64_t length = header.size();
+    put(path, std::string(reinterpret_cast<const char*>(&length), 8) + header);
+    fs::resize_file(path, 8 + length + kFrameBytes * (kLast + 1));
+    Matrix<float> x = Matrix<float>::Random(kVertices, 3), read(kVertices, 3);
+    const Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor> rows = x;
+    std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(static_cast<std::streamoff>(8 + length + kFrameBytes * kLast));
+    file.write(reinterpret_cast<const char*>(rows.data()), kFrameBytes);
+    file.close();
+    const Trajectory trajectory(path, {"x.safetensors", 0, kLast, ""}, kVertices, 1e-3);
+    trajectory.read_x<float>(kLast, read);
+    CHECK(read == x);
+    trajectory.read_x<float>(kLast - 1, read);
+    CHECK(read.isZero(0));
   }
 
   TEST_CASE("velocities that are not recorded are differences, exact for a parabola") {
