@@ -93,7 +93,8 @@ void remove_handle(const nmp_mesh* handle) { remove(Kind::mesh, handle); }
 void remove_handle(const nmp_model* handle) { remove(Kind::model, handle); }
 void remove_handle(const nmp_sim* handle) {
   if (!handle) return;
-  const InUse in_use(*find(handle));  // a call that is under way goes first
+  const auto sim = find(handle);  // outlives InUse
+  const InUse in_use(*sim);       // a call that is under way goes first
   remove(Kind::sim, handle);
 }
 

@@ -15,9 +15,8 @@ nmp_mesh* add_handle(std::shared_ptr<const Mesh> mesh);
 nmp_model* add_handle(std::shared_ptr<const ModelFile> model);
 nmp_sim* add_handle(std::shared_ptr<Sim> sim);
 
-/// @throws std::invalid_argument  "mesh is NULL", "mesh is not a handle (was it freed?)", "mesh is
-/// a
-///         handle of another kind: a model"
+/// @throws std::invalid_argument  "mesh is NULL", "mesh is not a handle (was it freed?)",
+///         "mesh is a handle of another kind: a model"
 std::shared_ptr<const Mesh> find(const nmp_mesh* handle);
 std::shared_ptr<const ModelFile> find(const nmp_model* handle);
 std::shared_ptr<Sim> find(const nmp_sim* handle);

@@ -39,14 +39,18 @@ nmp_status nmp_mesh_load(const char* path, const nmp_mesh_options* options, nmp_
     need(path, "path");
     need(mesh, "mesh");
     const nmp_mesh_options o = options ? *options : nmp_mesh_options_default();
-    need_size(o.struct_size, sizeof o, "options->struct_size");
+    need_struct(o.struct_size, sizeof o, "options", "nmp_mesh_options_default()");
     if (!(std::isfinite(o.scale) && o.scale > 0))
       throw std::invalid_argument(text("options->scale must be > 0 and finite, got ", o.scale));
     fem::RawMesh raw = fem::read_mesh(path);
     fem::turn_and_scale(raw.vertices, o.scale, o.y_up != 0);
     const fem::RepairedMesh repaired = fem::repair(raw, printable(path));
     Mesh made(fem::TetMesh<double>(repaired.mesh.vertices, repaired.mesh.tets));
-    for (const std::string& warning : repaired.warnings) made.report += warning + "\n";
+    const auto report = [&](const std::vector<std::string>& lines) {
+      for (const std::string& line : lines) made.report += line + "\n";
+    };
+    report(raw.notes);
+    report(repaired.warnings);
     *mesh = add_handle(std::make_shared<const Mesh>(std::move(made)));
   });
 }

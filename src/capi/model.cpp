@@ -115,7 +115,7 @@ nmp_status nmp_model_get_info(const nmp_model* model, nmp_model_info* info) {
   return guarded(__func__, [&] {
     const auto file = find(model);
     need(info, "info");
-    need_size(info->struct_size, sizeof(nmp_model_info), "info->struct_size");
+    need_struct(info->struct_size, sizeof(nmp_model_info), "info", "sizeof(nmp_model_info)");
     info->h = file->info().h;
     info->substeps = static_cast<std::int32_t>(file->info().substeps);
     info->stagger = file->info().stagger;

@@ -146,10 +146,11 @@ typedef enum nmp_integrator {
   NMP_INTEGRATOR_CALLBACK = 2 /* integrator_callback */
 } nmp_integrator;
 
-/* Stress laws and integrators of your own. They are called by the thread that steps, once per step
- * for the whole body, and return 0 if all is well. They must not use the simulation that calls
- * them. The _vjp of each is its reverse: it is given the inputs again and dL/d(output), and fills
- * dL/d(input). It may be NULL if no gradients are asked for. */
+/* Stress laws and integrators of your own. They are called by the thread that steps, for the whole
+ * body at once, and return 0 if all is well. They must not use the simulation that calls them, and
+ * be functions of their inputs alone: gradients run each step again, and fields, states and
+ * velocities may ask once more. The _vjp of each is its reverse: it is given the inputs again and
+ * dL/d(output), and fills dL/d(input). It may be NULL if no gradients are asked for. */
 /* F, P: 9 n.  P = P(F), first Piola-Kirchhoff stress [Pa]. */
 typedef int (*nmp_stress_fn)(void* user, size_t n, const double* F, double* P);
 typedef int (*nmp_stress_vjp_fn)(void* user, size_t n, const double* F, const double* P_bar,
@@ -174,7 +175,8 @@ typedef struct nmp_sim_desc {
   /* Of the velocities, see nmp_model_info; < 0: the model's where its integrator is used, else 0.
    */
   double stagger;
-  /* The analytic modules' world. */
+  /* The analytic modules' world: a neural law has learned its own stiffness and reads no E and nu,
+   * a neural integrator its own density and gravity. */
   double E;          /* Young's modulus [Pa]; 5e5 */
   double nu;         /* Poisson's ratio; 0.45 */
   double density;    /* [kg/m3]; 1000 */
@@ -183,7 +185,7 @@ typedef struct nmp_sim_desc {
   double wind[3];    /* [m/s]; 0 */
   /* Both modules' world. */
   int32_t has_ground; /* not 0: a level ground; 0 */
-  double ground;      /* at this height z [m]; 0 */
+  double ground;      /* at this height z [m], below the body; 0 */
   double friction;    /* Coulomb's, of the ground; 0 */
   int32_t strict;     /* not 0: an element that is inside out is an error; 0 */
   nmp_stress_fn stress_callback;

@@ -52,6 +52,8 @@ fem::Physics physics_of(const nmp_sim_desc& desc) {
   return physics;
 }
 
+constexpr int32_t kMostSubsteps = 1'000'000;
+
 void check(const nmp_sim_desc& desc, bool has_model) {
   const auto in_range = [](int value, int last, const char* name) {
     if (value < 0 || value > last)
@@ -68,8 +70,9 @@ void check(const nmp_sim_desc& desc, bool has_model) {
     need(reinterpret_cast<const void*>(desc.integrator_callback), "desc->integrator_callback");
   if (!(desc.h >= 0 && std::isfinite(desc.h)))
     throw std::invalid_argument(text("desc->h must be >= 0 s and finite, got ", desc.h));
-  if (desc.substeps < 0)
-    throw std::invalid_argument(text("desc->substeps must be >= 0, got ", desc.substeps));
+  if (desc.substeps < 0 || desc.substeps > kMostSubsteps)
+    throw std::invalid_argument(
+        text("desc->substeps must be 0 ... ", kMostSubsteps, ", got ", desc.substeps));
   if (!(desc.stagger <= 1))
     throw std::invalid_argument(text("desc->stagger must be <= 1, got ", desc.stagger));
   fem::check_explicit(physics_of(desc));
@@ -95,7 +98,14 @@ Stepping choose_stepping(const nmp_sim_desc& desc, const fem::TetMesh<double>& m
   } else if (law_name(desc.law)) {
     constexpr double kRoom = 0.75;  // compression lowers the limit
     const double limit = fem::stable_time_step(mesh, physics_of(desc).material);
-    s.substeps = std::max<Index>(1, static_cast<Index>(std::ceil(s.h / (kRoom * limit))));
+    const double wanted = std::max(1.0, std::ceil(s.h / (kRoom * limit)));
+    if (!(wanted <= kMostSubsteps))
+      throw std::invalid_argument(
+          text("steps of at most ", limit, " s are stable for this mesh and material, which is ",
+               wanted, " steps in h = ", s.h,
+               " s: are the mesh in metres, E in Pa and the density in kg/m3? (desc->substeps > 0 "
+               "takes that many whatever is stable)"));
+    s.substeps = static_cast<Index>(wanted);
   } else {
     s.substeps = model ? model->info().substeps : 1;
   }
@@ -135,6 +145,7 @@ class SimOf : public Sim {
         static_cast<Real>(stepping.stagger),
         desc.strict != 0};
     motion_.emplace(simulation, fem::State<Real>{mesh_.rest(), 0 * mesh_.rest()});
+    check_precision();
   }
 
   size_t n_vertices() const override { return static_cast<size_t>(mesh_.n_vertices()); }
@@ -201,8 +212,7 @@ class SimOf : public Sim {
 
   void set_planes(const nmp_plane* planes, size_t n) override {
     refuse_while_recording();
-    fem::Boundary<Real> boundary = motion_->boundary();
-    boundary.planes.clear();
+    std::vector<fem::Plane<Real>> made;
     for (size_t i = 0; i < n; ++i) {
       const Vec3<double> normal(planes[i].normal);
       const double length = normal.norm();
@@ -210,11 +220,10 @@ class SimOf : public Sim {
           !(planes[i].friction >= 0) || !std::isfinite(planes[i].friction))
         throw std::invalid_argument(text(
             "planes[", i, "] needs a normal that is not 0, a finite height and friction >= 0"));
-      boundary.planes.push_back({(normal / length).cast<Real>(),
-                                 static_cast<Real>(planes[i].height),
-                                 static_cast<Real>(planes[i].friction)});
+      made.push_back({(normal / length).cast<Real>(), static_cast<Real>(planes[i].height),
+                      static_cast<Real>(planes[i].friction)});
     }
-    motion_->set_boundary(std::move(boundary));
+    motion_->set_planes(std::move(made));
   }
 
   size_t field_size(nmp_field field) const override {
@@ -277,6 +286,7 @@ class SimOf : public Sim {
 
   void backward() override {
     need_recording();
+    differentiated_ = false;  // until it has worked
     for (ad::Parameter<Real>* p : material()) p->zero_bar();
     if (model_) nn::zero_bars(model_->parameters());
     recording_->backward();
@@ -353,6 +363,16 @@ class SimOf : public Sim {
     integrator_ = base;
     if (desc.integrator != NMP_INTEGRATOR_SEMI_IMPLICIT && desc.drag == 0) return;
     integrator_ = &in_air_.emplace(*base, physics_.air);
+  }
+
+  // Far from the origin there are too few digits for the differences of positions.
+  void check_precision() const {
+    ad::Tape<Real> tape(ad::Tape<Real>::Mode::inference);
+    const ad::Var<Real> F = fem::deformation_gradient(mesh_, tape.constant(mesh_.rest()));
+    if (((ad::mat3_det(F).value().array() - Real(1)).abs() <= Real(0.01)).all()) return;
+    throw std::invalid_argument(
+        "the mesh is so far from the origin, for its size, that its elements are lost to rounding: "
+        "move it to the origin or use NMP_DOUBLE");
   }
 
   // Those that there are, in no order.

@@ -57,7 +57,7 @@ nmp_status nmp_sim_create(const nmp_mesh* mesh, const nmp_model* model, const nm
   return guarded(__func__, [&] {
     need(desc, "desc");
     need(sim, "sim");
-    need_size(desc->struct_size, sizeof(nmp_sim_desc), "desc->struct_size");
+    need_struct(desc->struct_size, sizeof(nmp_sim_desc), "desc", "nmp_sim_desc_default()");
     *sim = add_handle(make_sim(find(mesh), model ? find(model) : nullptr, *desc));
   });
 }

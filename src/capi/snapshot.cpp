@@ -10,8 +10,9 @@ namespace nmp::capi {
 
 namespace {
 
+constexpr std::uint64_t kMostFrames = std::uint64_t{1} << 40;
 constexpr char kMagic[9] = "NMPSTATE";
-constexpr std::uint64_t kVersion = 1;
+constexpr std::uint64_t kVersion = 2;
 
 class Writer {
  public:
@@ -88,6 +89,16 @@ class Reader {
   std::size_t at_ = 0, end_ = 0;
 };
 
+// Its rest positions and tets.
+template <class Real>
+std::uint64_t hash_of(const fem::TetMesh<Real>& mesh) {
+  const auto& x = mesh.rest();
+  const auto& tets = mesh.tets();
+  return hash_bytes(x.data(), static_cast<std::size_t>(x.size()) * sizeof(Real)) ^
+         (hash_bytes(tets.data(), static_cast<std::size_t>(tets.size()) * sizeof(std::int32_t))
+          << 1);
+}
+
 template <class Real>
 Matrix<Real> as_matrix(const std::vector<fem::Plane<Real>>& planes) {
   Matrix<Real> m(static_cast<Index>(planes.size()), 5);
@@ -109,6 +120,7 @@ std::string encode(const SavedState<Real>& state, const fem::TetMesh<Real>& mesh
   out.number(sizeof(Real));
   out.number(static_cast<std::uint64_t>(mesh.n_vertices()));
   out.number(static_cast<std::uint64_t>(mesh.n_tets()));
+  out.number(hash_of(mesh));
   out.number(static_cast<std::uint64_t>(s.frame));
   for (const Matrix<Real>* m : {&s.x, &s.v, &s.v_reported, &s.f_ext, &s.f_acted}) out.matrix(*m);
   out.number(s.boundary.pinned.size());
@@ -130,11 +142,14 @@ SavedState<Real> decode(std::string_view bytes, const fem::TetMesh<Real>& mesh,
   const Index n = mesh.n_vertices();
   in.expect(static_cast<std::uint64_t>(n), "a mesh whose number of vertices is");
   in.expect(static_cast<std::uint64_t>(mesh.n_tets()), "a mesh whose number of tetrahedra is");
+  in.expect(hash_of(mesh), "another mesh of as many: its hash is");
   SavedState<Real> state;
   typename Motion<Real>::Snapshot& s = state.motion;
   s.boundary.ground = boundary.ground;
   s.boundary.friction = boundary.friction;
-  s.frame = static_cast<Index>(in.number());
+  const std::uint64_t frame = in.number();
+  if (frame > kMostFrames) Reader::fail(text("is of frame ", frame));
+  s.frame = static_cast<Index>(frame);
   for (Matrix<Real>* m : {&s.x, &s.v, &s.v_reported, &s.f_ext, &s.f_acted})
     *m = in.matrix<Real>(n, 3);
   const std::uint64_t n_pins = in.number();
@@ -161,6 +176,9 @@ SavedState<Real> decode(std::string_view bytes, const fem::TetMesh<Real>& mesh,
     s.boundary.planes.push_back({planes.row(i).template head<3>(), planes(i, 3), planes(i, 4)});
   in.finish();
   if (s.x.rows() != n || s.v.rows() != n) Reader::fail("has no positions or velocities");
+  if (s.boundary.pin_x.rows() != s.boundary.pin_v.rows() ||
+      (s.pin_target.rows() > 0 && s.boundary.pin_x.rows() == 0))
+    Reader::fail("has pins under way from nowhere");
   for (const Matrix<Real>* m : {&s.x, &s.v, &s.v_reported, &s.f_ext, &s.f_acted, &s.boundary.pin_x,
                                 &s.boundary.pin_v, &s.pin_target, &planes})
     if (!m->allFinite()) Reader::fail("has a number that is not finite");

@@ -15,8 +15,8 @@ struct SavedState {
   std::vector<Index> pin_order;  // place in what hosts give, of each pin in ascending order
 };
 
-/// As bytes: "NMPSTATE", how many bytes in all, a version, the bytes of a Real, #V and #T, the
-/// numbers as they are, and the XXH3 of all that.
+/// As bytes: "NMPSTATE", how many bytes in all, a version, the bytes of a Real, #V, #T and the
+/// hash of the mesh, the numbers as they are, and the XXH3 of all that.
 template <class Real>
 std::string encode(const SavedState<Real>& state, const fem::TetMesh<Real>& mesh);
 

@@ -67,6 +67,12 @@ void need_size(std::size_t n, std::size_t wanted, const char* name) {
   if (n != wanted) throw std::invalid_argument(text(name, " has ", n, " items, expected ", wanted));
 }
 
+void need_struct(std::size_t size, std::size_t wanted, const char* name, const char* origin) {
+  if (size != wanted)
+    throw std::invalid_argument(text(name, "->struct_size is ", size, ", expected ", wanted,
+                                     ": begin with ", origin, " of the same nmp.h"));
+}
+
 void need_buffer(const void* pointer, std::size_t n, std::size_t wanted, const char* name) {
   need_size(n, wanted, name);
   if (wanted > 0) need(pointer, name);

@@ -36,6 +36,9 @@ nmp_status guarded(const char* function, F&& f) noexcept {
 void need(const void* pointer, const char* name);
 /// @throws std::invalid_argument  "x has n items, expected ..."
 void need_size(std::size_t n, std::size_t wanted, const char* name);
+/// A host's struct of a known size.
+/// @param origin  where it comes from  @throws std::invalid_argument
+void need_struct(std::size_t size, std::size_t wanted, const char* name, const char* origin);
 /// A buffer of exactly `wanted` doubles or ints.
 void need_buffer(const void* pointer, std::size_t n, std::size_t wanted, const char* name);
 /// @throws std::invalid_argument  naming the first entry that is not finite

@@ -52,6 +52,18 @@ template <class Real>
 NumericalError at_step(const NumericalError& error, const TetMesh<Real>& mesh,
                        const ConstView<Real>& v, Real h, Index step);
 
+/// What `evaluate` returns; an error of a law in it is one at_step.
+template <class Real, class Evaluate>
+auto located(const TetMesh<Real>& mesh, const ConstView<Real>& v, Real h, Index step,
+             const Evaluate& evaluate) {
+  try {
+    return evaluate();
+  } catch (const NumericalError& error) {
+    if (error.step >= 0) throw;
+    throw at_step<Real>(error, mesh, v, h, step);
+  }
+}
+
 /// "step 12, time 0.006 s"
 std::string step_and_time(Index step, double h);
 

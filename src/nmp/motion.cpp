@@ -10,22 +10,6 @@ namespace nmp {
 
 using ad::Var;
 
-namespace {
-
-// What `evaluate` returns; its errors say in which step.
-template <class Real, class Evaluate>
-auto located(const Simulation<Real>& simulation, const Matrix<Real>& v, Index step,
-             const Evaluate& evaluate) {
-  try {
-    return evaluate();
-  } catch (const NumericalError& error) {
-    if (error.step >= 0) throw;
-    throw fem::at_step<Real>(error, simulation.mesh, v, simulation.h, step);
-  }
-}
-
-}  // namespace
-
 template <class Real>
 Motion<Real>::Motion(const Simulation<Real>& simulation, const fem::State<Real>& start)
     : simulation_{simulation.mesh, simulation.law,      simulation.integrator, boundary_,
@@ -56,7 +40,7 @@ void Motion<Real>::set_state(const fem::State<Real>& state) {
   fem::check_state<Real>(mesh, state.x, state.v, simulation_.h, now);
   tape_.clear();
   evaluated_ = false;
-  const Matrix<Real> v_inside = located(simulation_, state.v, now, [&] {
+  const Matrix<Real> v_inside = fem::located<Real>(mesh, state.v, simulation_.h, now, [&] {
     return Matrix<Real>(
         internal_velocity(simulation_, tape_.constant(state.x), tape_.constant(state.v)).value());
   });
@@ -73,6 +57,12 @@ void Motion<Real>::set_boundary(fem::Boundary<Real> boundary) {
   boundary_ = std::move(boundary);
   pin_target_.resize(0, 0);
   evaluated_ = false;  // nets see the ground
+}
+
+template <class Real>
+void Motion<Real>::set_planes(std::vector<fem::Plane<Real>> planes) {
+  boundary_.planes = std::move(planes);
+  evaluated_ = false;
 }
 
 template <class Real>
@@ -119,8 +109,8 @@ void Motion<Real>::evaluate() {
   const Index now = step_number();
   tape_.clear();
   fem::check_state<Real>(mesh, state_.x, state_.v, simulation_.h, now);
-  located(simulation_, state_.v, now, [&] {
-    if (!simulation_.law.refuses_inverted()) count_inverted();
+  fem::located<Real>(mesh, state_.v, simulation_.h, now, [&] {
+    if (!simulation_.law.refuses_inverted()) count_inverted(state_.x, now);
     x_ = tape_.constant(state_.x);
     v_ = tape_.constant(state_.v);
     f_int_ = simulation_.law.internal_force(mesh, x_);
@@ -138,16 +128,16 @@ Var<Real> Motion<Real>::increment(const Matrix<Real>& f_ext) {
 }
 
 template <class Real>
-void Motion<Real>::count_inverted() {
-  const fem::Inverted inverted = fem::count_inverted<Real>(simulation_.mesh, state_.x);
+void Motion<Real>::count_inverted(const ConstView<Real>& x, Index step) {
+  const fem::Inverted inverted = fem::count_inverted<Real>(simulation_.mesh, x);
   if (inverted.count == 0) return;
   if (n_inverted_ == 0)
-    first_inverted_ = text(fem::step_and_time(step_number(), static_cast<double>(simulation_.h)),
+    first_inverted_ = text(fem::step_and_time(step, static_cast<double>(simulation_.h)),
                            ": element ", inverted.first);
   n_inverted_ += inverted.count;
   if (!simulation_.strict) return;
   NumericalError error(text("element ", inverted.first, " has det F = ",
-                            fem::det_F<Real>(simulation_.mesh, state_.x, inverted.first)));
+                            fem::det_F<Real>(simulation_.mesh, x, inverted.first)));
   error.element = inverted.first;
   throw error;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "nmp/rollout.h"
 
@@ -44,6 +45,8 @@ class Motion {
   /// Contact and pins, which rest unless they are moved.
   const fem::Boundary<Real>& boundary() const { return boundary_; }
   void set_boundary(fem::Boundary<Real> boundary);
+  /// The planes alone: pins that are under way go on.
+  void set_planes(std::vector<fem::Plane<Real>> planes);
   /// Where the pinned vertices are at the end of the next frame, at constant speed, to rest there.
   /// @param x  one row for each of boundary().pinned [m]
   void move_pins(Matrix<Real> x);
@@ -51,6 +54,7 @@ class Motion {
   void set_external_force(Matrix<Real> f_ext);
   const Matrix<Real>& external_force() const { return f_ext_; }
 
+  bool pins_move() const { return pin_target_.rows() > 0; }
   /// The boundary as it is at the end of step k of the coming frame.
   fem::Boundary<Real> boundary_of_step(Index k) const;
 
@@ -66,13 +70,16 @@ class Motion {
 
   // -- elements with det F <= 0, where the law lets them be
 
+  /// Counts those among positions that a step made elsewhere begins with.
+  /// @param step  stands in messages
+  /// @throws NumericalError  if there is one and the simulation is strict
+  void count_inverted(const ConstView<Real>& x, Index step);
   Index n_inverted() const { return n_inverted_; }  // summed over the steps
   const std::string& first_inverted() const { return first_inverted_; }
 
  private:
   void evaluate();  // f_int and dv at the present state, once
   ad::Var<Real> increment(const Matrix<Real>& f_ext);
-  void count_inverted();
   void step();
   void change_state();
   struct FrameEnd;

@@ -1,5 +1,6 @@
 #include "nmp/recording.h"
 
+#include <algorithm>
 #include <memory>
 #include <utility>
 
@@ -18,8 +19,8 @@ namespace {
 template <class Real>
 std::shared_ptr<const std::vector<fem::Boundary<Real>>> boundaries(const Motion<Real>& motion) {
   auto all = std::make_shared<std::vector<fem::Boundary<Real>>>();
-  for (Index k = 0; k < motion.simulation().substeps; ++k)
-    all->push_back(motion.boundary_of_step(k));
+  const Index n = motion.pins_move() ? motion.simulation().substeps : 1;
+  for (Index k = 0; k < n; ++k) all->push_back(motion.boundary_of_step(k));
   return all;
 }
 
@@ -46,23 +47,40 @@ void Recording<Real>::advance() {
   const Simulation<Real>& s = motion_.simulation();
   const Var<Real> f_ext = external_force();
   ad::Vars<Real> inputs{x_, v_, f_ext};
-  if (s.law.keeps_nothing()) inputs.push_back(s.law.internal_force(s.mesh, x_));
+  const Index first = motion_.frame() * s.substeps + 1;
+  const auto in_step = [&s](Index step, const Var<Real>& v, const auto& evaluate) {
+    return fem::located<Real>(s.mesh, v.value(), s.h, step, evaluate);
+  };
+  if (s.law.keeps_nothing())
+    inputs.push_back(in_step(first, v_, [&] { return s.law.internal_force(s.mesh, x_); }));
   forced_ = with_forces_ || motion_.external_force().size() > 0;
-  const ad::Piece<Real> frame = [&s, forced = forced_, all = boundaries(motion_)](
-                                    ad::Tape<Real>&, const ad::Vars<Real>& in) {
+  // What Motion::advance looks at, before the frame is computed again: then it has been seen.
+  const auto forward = std::make_shared<bool>(true);
+  const ad::Piece<Real> frame = [&s, &motion = motion_, in_step, first, forward, forced = forced_,
+                                 all = boundaries(motion_)](ad::Tape<Real>&,
+                                                            const ad::Vars<Real>& in) {
     Var<Real> x = in[0], v = in[1];
     for (Index k = 0; k < s.substeps; ++k) {
-      const fem::StepContext<Real> context{s.mesh, s.h, (*all)[static_cast<std::size_t>(k)]};
-      Var<Real> f = k == 0 && in.size() > 3 ? in[3] : s.law.internal_force(s.mesh, x);
-      if (forced) f = ad::add(f, in[2]);
-      const fem::Contact<Real> next =
-          fem::advance(context, x, v, s.integrator.dv(context, x, v, f));
+      const auto of_step = std::min(static_cast<std::size_t>(k), all->size() - 1);
+      const fem::StepContext<Real> context{s.mesh, s.h, (*all)[of_step]};
+      const fem::Contact<Real> next = in_step(first + k, v, [&] {
+        if (*forward && !s.law.refuses_inverted()) motion.count_inverted(x.value(), first + k);
+        Var<Real> f = k == 0 && in.size() > 3 ? in[3] : s.law.internal_force(s.mesh, x);
+        if (*forward)
+          fem::check_force<Real>(s.mesh, x.value(), v.value(), f.value(), s.h, first + k);
+        if (forced) f = ad::add(f, in[2]);
+        const Var<Real> dv = s.integrator.dv(context, x, v, f);
+        if (*forward)
+          fem::check_increment<Real>(s.mesh, x.value(), v.value(), dv.value(), s.h, first + k);
+        return fem::advance(context, x, v, dv);
+      });
       x = next.x;
       v = next.v;
     }
     return ad::Vars<Real>{x, v};
   };
   const ad::Vars<Real> out = ad::checkpoint<Real>(frame, inputs);
+  *forward = false;
   fem::check_state<Real>(s.mesh, out[0].value(), out[1].value(), s.h,
                          (motion_.frame() + 1) * s.substeps);
   fem::State<Real> next{out[0].value(), out[1].value()};

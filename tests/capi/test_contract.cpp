@@ -288,6 +288,7 @@ TEST_SUITE("capi/contract") {
     wrong([](auto& d) { d.law = NMP_LAW_CALLBACK; });
     wrong([](auto& d) { d.integrator = NMP_INTEGRATOR_CALLBACK; });
     wrong([](auto& d) { d.substeps = -1; });
+    wrong([](auto& d) { d.substeps = 1000001; });
     wrong([](auto& d) { d.stagger = 1.5; });
     wrong([](auto& d) { d.nu = 0.5; });
     wrong([](auto& d) { d.density = 0; });
@@ -302,6 +303,13 @@ TEST_SUITE("capi/contract") {
       wrong([bad](auto& d) { d.wind[2] = bad, d.drag = 1; });
     }
     wrong([](auto& d) { d.stagger = kNaN; });
+    // Steps that are left to the library and would never end.
+    for (const double h : {1e5, 1e300}) {
+      nmp_sim_desc desc = analytic_desc();
+      desc.h = h;
+      refused("nmp_sim_create", nmp_sim_create(o.cube.handle, nullptr, &desc, &sim));
+      CHECK(std::string(nmp_last_error()).find("in metres") != std::string::npos);
+    }
     refused("nmp_sim_create", nmp_sim_create(o.cube.handle, nullptr, &o.desc, &sim));
     CHECK(std::string(nmp_last_error()).find("needs a model") != std::string::npos);
     nmp_mesh_options options = nmp_mesh_options_default();
@@ -408,10 +416,12 @@ TEST_SUITE("capi/contract") {
       bytes[i] = static_cast<char>(bytes[i] ^ (1 << (i % 8)));
     }
     CHECK(o.sim.saved() == bytes);
-    const Cube other(2);
-    const MadeSim elsewhere(other, o.desc, o.model.handle);
-    refused("nmp_sim_load", nmp_sim_load(elsewhere.handle, bytes.data(), bytes.size()),
-            NMP_ERROR_INPUT);
+    const Cube smaller(2), longer(3, 1.5);  // another number of vertices, other vertices
+    for (const Cube* other : {&smaller, &longer}) {
+      const MadeSim elsewhere(*other, o.desc, o.model.handle);
+      refused("nmp_sim_load", nmp_sim_load(elsewhere.handle, bytes.data(), bytes.size()),
+              NMP_ERROR_INPUT);
+    }
     nmp_sim_desc single = o.desc;
     single.precision = NMP_SINGLE;
     const MadeSim in_float(o.cube, single, o.model.handle);
@@ -481,6 +491,50 @@ TEST_SUITE("capi/contract") {
     for (const double value : sim.x()) CHECK(std::isfinite(value));
     ok(nmp_sim_set_state(sim.handle, cube.vertices.data(), Buffer(cube.n(), 0).data(), cube.n()));
     ok(nmp_sim_step(sim.handle, 1));
+  }
+
+  TEST_CASE("strict is strict, also while gradients are recorded") {
+    const Cube cube(2);
+    nmp_sim_desc desc = analytic_desc(NMP_LAW_STVK);
+    for (const bool strict : {false, true})
+      for (const bool recorded : {false, true}) {
+        CAPTURE(strict);
+        CAPTURE(recorded);
+        desc.strict = strict;
+        const MadeSim sim(cube, desc);
+        Buffer x = cube.vertices;
+        for (std::size_t i = 0; i < x.size(); i += 3) x[i] = -0.5 * x[i];  // mirrored
+        ok(nmp_sim_set_state(sim.handle, x.data(), nullptr, cube.n()));
+        if (recorded) ok(nmp_grad_begin(sim.handle, 0));
+        const Buffer before = sim.x();
+        if (!strict) {
+          ok(nmp_sim_step(sim.handle, 1));
+          continue;
+        }
+        refused("nmp_sim_step", nmp_sim_step(sim.handle, 1), NMP_ERROR_NUMERICAL);
+        const std::string what = nmp_last_error();
+        CHECK(what.find("det F = -0.5") != std::string::npos);
+        CHECK(what.find("step 1,") != std::string::npos);
+        CHECK(sim.x() == before);
+      }
+  }
+
+  TEST_CASE("a mesh so far away that its precision does not see it is refused") {
+    const Cube cube(2, 0.1);
+    Buffer vertices = cube.vertices;
+    for (std::size_t i = 0; i < vertices.size(); i += 3) vertices[i + 1] += 4e6;
+    nmp_mesh* mesh = nullptr;
+    ok(nmp_mesh_from_arrays(vertices.data(), 8, cube.tets.data(), cube.tets.size() / 4, &mesh));
+    nmp_sim* sim = nullptr;
+    nmp_sim_desc desc = analytic_desc();
+    desc.precision = NMP_SINGLE;
+    refused("nmp_sim_create", nmp_sim_create(mesh, nullptr, &desc, &sim));
+    CHECK(std::string(nmp_last_error()).find("use NMP_DOUBLE") != std::string::npos);
+    desc.precision = NMP_DOUBLE;
+    ok(nmp_sim_create(mesh, nullptr, &desc, &sim));
+    ok(nmp_sim_step(sim, 1));
+    ok(nmp_sim_free(sim));
+    ok(nmp_mesh_free(mesh));
   }
 
   TEST_CASE("messages belong to their thread, and simulations to one thread at a time") {

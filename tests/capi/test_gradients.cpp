@@ -278,6 +278,30 @@ TEST_SUITE("capi/gradients") {
     Motion motion(cube, desc, nullptr);
     check_states_and_forces(motion, motion.gradient(NMP_WITH_FORCES), 1e-8);
 
+    // A reverse that fails leaves no gradients, until one works.
+    static bool fails;
+    fails = false;
+    desc.stress_vjp = [](void*, std::size_t n, const double*, const double* P_bar, double* F_bar) {
+      for (std::size_t i = 0; i < 9 * n; ++i) F_bar[i] = 2e4 * P_bar[i];
+      return fails ? 1 : 0;
+    };
+    {
+      const MadeSim sim(cube, desc);
+      Buffer first(cube.n()), again(cube.n());
+      ok(nmp_grad_begin(sim.handle, 0));
+      ok(nmp_sim_step(sim.handle, 1));
+      ok(nmp_grad_add_loss(sim.handle, cube.vertices.data(), nullptr, cube.n()));
+      ok(nmp_grad_backward(sim.handle));
+      ok(nmp_grad_get(sim.handle, NMP_GRAD_X0, 0, first.data(), cube.n()));
+      fails = true;
+      CHECK(nmp_grad_backward(sim.handle) == NMP_ERROR_CALLBACK);
+      CHECK(nmp_grad_get(sim.handle, NMP_GRAD_X0, 0, again.data(), cube.n()) == NMP_ERROR_ORDER);
+      fails = false;
+      ok(nmp_grad_backward(sim.handle));
+      ok(nmp_grad_get(sim.handle, NMP_GRAD_X0, 0, again.data(), cube.n()));
+      CHECK(again == first);
+    }
+
     desc.stress_vjp = nullptr;
     const MadeSim sim(cube, desc);
     ok(nmp_grad_begin(sim.handle, 0));

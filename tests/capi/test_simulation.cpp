@@ -130,6 +130,13 @@ TEST_SUITE("capi/simulation") {
     ok(nmp_sim_step(sim.handle, 1));
     CHECK(sim.x()[53] == to[2]);
     CHECK(sim.v()[53] == 0);
+    // Planes that change do not stop pins on their way.
+    to[2] += 0.01;
+    ok(nmp_sim_move_pins(sim.handle, to.data(), to.size()));
+    const nmp_plane plane{{1, 0, 0}, -9, 0};
+    ok(nmp_sim_set_planes(sim.handle, &plane, 1));
+    ok(nmp_sim_step(sim.handle, 1));
+    CHECK(sim.x()[53] == to[2]);
     ok(nmp_sim_set_pins(sim.handle, nullptr, 0));
     ok(nmp_sim_step(sim.handle, 1));
     CHECK(sim.x()[53] != to[2]);
@@ -313,6 +320,19 @@ TEST_SUITE("capi/simulation") {
     ok(nmp_mesh_free(mesh));
     std::filesystem::remove("capi_inverted.node");
     std::filesystem::remove("capi_inverted.ele");
+
+    // What the reader leaves out is reported too.
+    std::ofstream("capi_mixed.vtk") << "# vtk DataFile Version 3.0\nmixed\nASCII\n"
+                                       "DATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n"
+                                       "0 0 0 1 0 0 0 1 0 0 0 1\nCELLS 2 9\n4 0 1 2 3\n3 0 1 2\n"
+                                       "CELL_TYPES 2\n10\n5\n";
+    ok(nmp_mesh_load("capi_mixed.vtk", nullptr, &mesh));
+    ok(nmp_mesh_report(mesh, nullptr, 0, &size));
+    report.assign(size, ' ');
+    ok(nmp_mesh_report(mesh, &report[0], size, &size));
+    CHECK(report.find("left out") != std::string::npos);
+    ok(nmp_mesh_free(mesh));
+    std::filesystem::remove("capi_mixed.vtk");
 
     const Cube cube(2);
     std::vector<std::int32_t> tets = cube.tets;
