@@ -1,5 +1,7 @@
 #include "common.h"
 
+#include <nlohmann/json.hpp>
+
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -79,6 +81,10 @@ void open_standard_streams() {
     // descriptor is `stream` itself.
     if (::open("/dev/null", stream == 2 ? O_WRONLY : O_RDONLY) != stream) ::_exit(5);
   }
+}
+
+std::string dump(const nlohmann::ordered_json& json) {
+  return json.dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
 void print(const std::string& text) {
@@ -224,6 +230,16 @@ void add_seed(CLI::App& app, Flags& flags) {
   app.add_option("--seed", flags.seed, "Seed of everything random")
       ->type_name("N")
       ->check(whole_number(0, std::numeric_limits<std::int64_t>::max()));
+}
+
+CLI::Option* add_split(CLI::App& app, std::string& split, const char* what) {
+  const auto short_name = [](std::string& word) {
+    if (word == "validation") word = "val";
+    return std::string();
+  };
+  return app.add_option("--split", split, what)
+      ->check(CLI::IsMember({"val", "train"}))
+      ->transform(CLI::Validator(short_name, ""));
 }
 
 void add_set(CLI::App& app, Flags& flags) {

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <initializer_list>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -33,6 +34,8 @@ void stop_if_requested();
 
 /// Puts /dev/null where a standard stream is closed, so that no file is ever opened in its place.
 void open_standard_streams();
+/// A JSON document for people who read it; bytes that are not UTF-8 become U+FFFD.
+std::string dump(const nlohmann::ordered_json& json);
 /// Writes to stdout, now. @throws IoError  if it cannot be written
 void print(const std::string& text);
 /// Text without what a terminal would obey: control characters but for line feeds as \xNN.
@@ -84,6 +87,8 @@ CLI::Option* add_force(CLI::App& app, Flags& flags);
 void add_threads(CLI::App& app);
 void add_seed(CLI::App& app, Flags& flags);
 void add_set(CLI::App& app, Flags& flags);
+/// --split: "val" or "train"; "validation" is taken for the former.
+CLI::Option* add_split(CLI::App& app, std::string& split, const char* what);
 
 /// @param summary   a sentence for the list of commands   @param details  more of them, for its
 /// help

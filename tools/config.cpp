@@ -30,7 +30,7 @@ std::string joined(const Names& names) {
 void list(const Options& o) {
   const nlohmann::ordered_json json = {{"scenes", shipped_scene_names()},
                                        {"training", shipped_config_names()}};
-  common::print(o.flags.json ? json.dump(1) + "\n"
+  common::print(o.flags.json ? common::dump(json) + "\n"
                              : "scenes    " + joined(shipped_scene_names()) + "\ntraining  " +
                                    joined(shipped_config_names()) + "\n");
 }

@@ -38,6 +38,12 @@ Scene make_scene(const Options& o) {
   if (o.scene.empty() && o.mesh.empty()) {
     throw ConfigError("nmp data gen: expected a SCENE, --mesh FILE or both, found neither");
   }
+  const std::string ending = Path(o.scene).extension().string();
+  for (const char* mesh : {".msh", ".node", ".ele", ".vtk", ".vtu", ".stl", ".obj", ".ply"})
+    if (ending == mesh)
+      throw ConfigError(in_quotes(o.scene) +
+                        ": expected a scene, a .toml file; a mesh is given by "
+                        "--mesh FILE");
   Scene scene = o.scene.empty() ? parse_scene("name = " + toml_string(Path(o.mesh).stem().string()),
                                               "--mesh", set)
                                 : read_scene(o.scene, set);
@@ -65,7 +71,7 @@ void gen(const Options& o) {
   const Json json = {{"dataset", o.folder},        {"scene", m.scene_name}, {"train", n_train},
                      {"validation", n_validation}, {"frames", m.frames},    {"h", m.h},
                      {"n_vertices", m.n_vertices}, {"n_tets", m.n_tets},    {"seed", m.seed}};
-  common::print(o.flags.json ? json.dump(1) + "\n"
+  common::print(o.flags.json ? common::dump(json) + "\n"
                              : text(o.folder, ": ", n_train, " training and ", n_validation,
                                     " validation trajectories of ", m.frames, " frames, ",
                                     m.n_vertices, " vertices, ", m.n_tets, " tetrahedra\n"));
@@ -127,7 +133,8 @@ void add_data(CLI::App& app) {
        "nmp data gen --mesh body.msh -o data/body --set mesh.scale=0.001",
        "nmp data gen --mesh body.msh -o data/held --set contact.ground=none --set "
        "'pins.boxes=[[-1, -1, 0.9, 1, 1, 1]]'"});
-  make.add_option("SCENE", o->scene, "A TOML file, or the name of a scene that ships: cube");
+  make.add_option("SCENE", o->scene,
+                  "A TOML file, or the name of a scene that ships (nmp config list)");
   make.add_option("--mesh", o->mesh, "A mesh file as the body: .msh, .node, .ele, .vtk or .vtu")
       ->type_name("FILE");
   make.add_option("--meshes", o->meshes, "A folder where mesh files are looked for, last")

@@ -43,6 +43,10 @@ Scene read_known(const Options& o, bool& law_known) {
   law_known = !o.scene.empty() || told("material.law");
   if (!law_known && (told("material.E") || told("material.nu")))
     throw ConfigError("E and nu are those of a law: name it too, --law neo-hookean");
+  if (told("material.law") && o.scene.empty() && (!told("material.E") || !told("material.nu")))
+    throw ConfigError(
+        "--law says what the data obey: give --E and --nu too, or leave it out: the law is then "
+        "unknown, as of a real body");
   if (o.scene.empty() && (!told("gravity") || !told("contact.ground")))
     throw ConfigError(
         "what surrounds the body must be told: --gravity X,Y,Z [m/s2] and --ground Z [m] or "
@@ -51,6 +55,11 @@ Scene read_known(const Options& o, bool& law_known) {
   Scene scene = parse_scene("", "nmp data import", set);
   scene.name = Path(o.folder).lexically_normal().filename().string();
   scene.dt = 0;  // not told
+  const Vec3<double>& g = scene.physics.gravity;
+  if (scene.physics.ground && g.norm() > 0 && !(g(2) < -0.9 * g.norm()))
+    common::note(
+        "warning: gravity does not point down, -z, and there is a ground at a height z: was it "
+        "given in the axes of the files? It is that after --up");
   return scene;
 }
 
@@ -79,7 +88,7 @@ void run(const Options& o) {
                      {"n_tets", m.n_tets},
                      {"n_pinned", m.physics.pinned.size()}};
   common::print(o.flags.json
-                    ? json.dump(1) + "\n"
+                    ? common::dump(json) + "\n"
                     : text(o.folder, ": ", m.train.size(), " training and ", m.validation.size(),
                            " validation trajectories of ", m.frames, " frames of ", m.h, " s, ",
                            m.n_vertices, " vertices, ", m.n_tets, " tetrahedra, ",
@@ -134,8 +143,11 @@ void add_data_import(CLI::App& data) {
   command.add_option("--E", o->E, "Its Young's modulus")->type_name("PA");
   command.add_option("--nu", o->nu, "Its Poisson's ratio")->type_name("NU");
   command.add_option("--density", o->density, "Of the body; unknown: 1000")->type_name("KG/M3");
-  command.add_option("--gravity", o->gravity, "Acceleration")->type_name("X,Y,Z");
-  command.add_option("--ground", o->ground, "Height of the ground, or none")->type_name("Z");
+  command.add_option("--gravity", o->gravity, "Acceleration as --up turns it: 0,0,-9.8 is down")
+      ->type_name("X,Y,Z");
+  command
+      .add_option("--ground", o->ground, "Height z of the ground, after --up and --scale, or none")
+      ->type_name("Z");
   common::add_set(command, o->flags);
   common::add_force(command, o->flags);
   common::add_json(command, o->flags);

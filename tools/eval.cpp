@@ -69,8 +69,7 @@ void add_eval(CLI::App& app) {
       ->type_name("NAME,...")
       ->delimiter(',')
       ->allow_extra_args(false);
-  eval.add_option("--split", o->split, "Which trajectories")
-      ->check(CLI::IsMember({"val", "train"}));
+  common::add_split(eval, o->split, "Which trajectories");
   eval.add_option("--trajectories", o->trajectories, "The first so many; 0: all")
       ->type_name("N")
       ->check(common::whole_number(0, 100'000'000));

@@ -3,9 +3,11 @@
 //   nmp export run.safetensors --data data/cube -o run.pvd --every 10 --stress
 //   nmp export run.safetensors --mesh body.msh -o run.pc2
 
+#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <utility>
 
 #include "common.h"
 #include "fem/mesh_check.h"
@@ -42,6 +44,12 @@ void check(const Options& o) {
 std::string format(const Options& o) {
   const std::string ending = Path(o.out).extension().string();
   if (!o.format.empty()) return o.format;
+  if (ending == ".vtu" || ending == ".obj" || ending == ".vtk" || ending == ".abc")
+    throw ConfigError(text(in_quotes(o.out),
+                           ": frames are a folder of files, not one: choose a name "
+                           "without ",
+                           ending, ", or .pvd or .pc2",
+                           ending == ".obj" ? "; --format obj makes them .obj" : ""));
   return ending == ".pc2" ? "pc2" : "vtu";
 }
 
@@ -49,7 +57,8 @@ fem::TetMesh<double> read_body(const Options& o) {
   fem::RawMesh raw = fem::read_mesh(o.mesh);
   fem::turn_and_scale(raw.vertices, o.scale, o.up == "y");
   const fem::RepairedMesh repaired = fem::repair(raw, printable(o.mesh));
-  for (const std::string& warning : repaired.warnings) common::note("warning: " + warning);
+  for (const auto* lines : {&std::as_const(raw.notes), &repaired.warnings})
+    for (const std::string& line : *lines) common::note("warning: " + line);
   return {repaired.mesh.vertices, repaired.mesh.tets};
 }
 
@@ -84,6 +93,11 @@ void run(const Options& o) {
     if (!rollout) {
       source.frames = &choose(*dataset, o);
       source.h = manifest.h;
+    } else if (std::abs(source.h - manifest.h) > 1e-6 * manifest.h) {
+      const std::string times = text("frames of the rollout are ", source.h, " s apart, of ",
+                                     o.data, " ", manifest.h, " s");
+      if (o.chosen) throw ConfigError(times + ": they cannot be compared");
+      common::note(times + ": no errors are written");
     } else if (o.chosen) {
       source.record = &choose(*dataset, o);
     } else if ((source.record = find_record(*dataset, rollout->frames)) == nullptr) {
@@ -110,7 +124,7 @@ void run(const Options& o) {
                {"record", source.record ? Json(source.record->name()) : Json()},
                {"frames", done.n_frames},
                {"h", source.h * static_cast<double>(options.every)}};
-  common::print(o.flags.json ? json.dump(1) + "\n"
+  common::print(o.flags.json ? common::dump(json) + "\n"
                              : text(done.file.string(), ": ", done.n_frames, " frames of ",
                                     source.frames->name(),
                                     source.record && options.format == "vtu"
@@ -146,8 +160,7 @@ void add_export(CLI::App& app) {
   command.add_option("--up", o->up, "Axis of that file that points up; y is turned to z")
       ->type_name("y|z")
       ->check(CLI::IsMember({"y", "z"}).description(""));
-  CLI::Option* split = command.add_option("--split", o->split, "Of which trajectories")
-                           ->check(CLI::IsMember({"val", "train"}));
+  CLI::Option* split = common::add_split(command, o->split, "Of which trajectories");
   CLI::Option* trajectory =
       command.add_option("--trajectory", o->trajectory, "Which of them, from 0")
           ->type_name("K")

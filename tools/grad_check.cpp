@@ -33,7 +33,7 @@ void print(const Options& o, const std::vector<CheckRow>& rows) {
                     {"ok", row.ok},
                     {"worst", row.worst}});
   }
-  common::print(o.flags.json ? Json{{"checks", json}}.dump(1) + "\n" : common::table(lines));
+  common::print(o.flags.json ? common::dump({{"checks", json}}) + "\n" : common::table(lines));
 }
 
 void run(const Options& o) {

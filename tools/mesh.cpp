@@ -67,7 +67,7 @@ void info(const Options& o) {
         {"stable_time_step", o.no_step ? Json() : Json(dt)},
         {"material", {{"E", material.E}, {"nu", material.nu}, {"density", material.density}}},
         {"checksum", fem::mesh_checksum(o.in.file)}};
-    return common::print(json.dump(1) + "\n");
+    return common::print(common::dump(json) + "\n");
   }
   const auto number = [](double value) { return common::number(value); };
   common::print(common::table(
@@ -138,11 +138,16 @@ void check_surface(const Options& o, std::size_t ids) {
                      {"findings", list},
                      {"notes", notes}};
   if (!findings.refused()) {
-    lines +=
-        text("a surface that 'nmp mesh tet' can fill: ", raw.triangles.rows(), " triangles",
-             findings.closed() ? " around " + common::number(findings.volume) + " m3" : "", "\n");
+    const Vec3<double> size =
+        (raw.vertices.colwise().maxCoeff() - raw.vertices.colwise().minCoeff()).transpose();
+    lines += text("a surface that 'nmp mesh tet' can fill: ", raw.triangles.rows(), " triangles",
+                  findings.closed() ? " around " + common::number(findings.volume) + " m3" : "",
+                  ", ", common::number(size(0)), " x ", common::number(size(1)), " x ",
+                  common::number(size(2)), " m\n");
+    if (!(size.maxCoeff() <= 100 && size.maxCoeff() >= 1e-3))
+      lines += "warning: if the file is not in metres set the scale (--scale S)\n";
   }
-  common::print(o.flags.json ? json.dump(1) + "\n" : lines);
+  common::print(o.flags.json ? common::dump(json) + "\n" : lines);
   if (findings.refused()) throw InputError(printable(o.in.file) + ": cannot be filled as it is");
   if (!o.out.empty()) fem::write_surface(o.out, fem::repair(raw, o.in.file).surface, o.binary);
 }
@@ -164,7 +169,7 @@ void check(const Options& o) {
                      {"usable", !findings.refused()},
                      {"findings", list},
                      {"notes", raw.notes}};
-  common::print(o.flags.json ? json.dump(1) + "\n" : lines);
+  common::print(o.flags.json ? common::dump(json) + "\n" : lines);
   if (findings.refused()) {
     throw InputError(printable(o.in.file) + ": cannot be simulated as it is");
   }
@@ -205,7 +210,7 @@ void convert(const Options& o) {
   fem::write_mesh(o.out, mesh, {o.binary, o.gmsh2});
   const Json json = {
       {"mesh", o.out}, {"n_vertices", mesh.vertices.rows()}, {"n_tets", mesh.tets.rows()}};
-  common::print(o.flags.json ? json.dump(1) + "\n"
+  common::print(o.flags.json ? common::dump(json) + "\n"
                              : text(o.out, ": ", mesh.vertices.rows(), " vertices, ",
                                     mesh.tets.rows(), " tetrahedra\n"));
 }
@@ -227,7 +232,7 @@ void print_surface(const std::string& file, const fem::RawSurface& surface,
   const Json json = {{"surface", file},
                      {"n_vertices", surface.vertices.rows()},
                      {"n_triangles", surface.triangles.rows()}};
-  common::print(flags.json ? json.dump(1) + "\n"
+  common::print(flags.json ? common::dump(json) + "\n"
                            : text(file, ": ", surface.vertices.rows(), " vertices, ",
                                   surface.triangles.rows(), " triangles\n"));
 }

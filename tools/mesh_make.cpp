@@ -58,7 +58,7 @@ void deliver(const Options& o, const fem::RawMesh& raw, Json json) {
   json.update(quality_json(q));
   for (const std::string& warning : repaired.warnings) json["warnings"].push_back(warning);
   common::print(o.flags.json
-                    ? json.dump(1) + "\n"
+                    ? common::dump(json) + "\n"
                     : text(o.out, ": ", mesh.n_vertices(), " vertices, ", mesh.n_tets(),
                            " tetrahedra, ", number(q.volume), " m3; angles between faces ",
                            number(q.dihedral_min), " to ", number(q.dihedral_max), " degrees\n"));
@@ -111,9 +111,13 @@ void tet(Options o) {
 
 void box(const Options& o) {
   refuse_to_overwrite_mesh(o);
-  const fem::TetMesh<double> mesh =
-      fem::box_mesh({o.cells[0], o.cells[1], o.cells[2]}, {o.size[0], o.size[1], o.size[2]});
-  deliver(o, {mesh.vertices(), mesh.tets(), {}}, Json::object());
+  try {
+    const fem::TetMesh<double> mesh =
+        fem::box_mesh({o.cells[0], o.cells[1], o.cells[2]}, {o.size[0], o.size[1], o.size[2]});
+    deliver(o, {mesh.vertices(), mesh.tets(), {}}, Json::object());
+  } catch (const std::invalid_argument& error) {
+    throw ConfigError(error.what());
+  }
 }
 
 void surface(const Options& o) {

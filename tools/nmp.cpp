@@ -108,7 +108,7 @@ int run(int argc, char** argv) {
       "  4  a simulation, training or gradient check that failed\n"
       "  5  reading or writing that failed\n"
       "  6  not enough memory\n"
-      "  130, 143  stopped by Ctrl-C, by SIGTERM");
+      "  129, 130, 143  stopped by SIGHUP, Ctrl-C, SIGTERM");
   app.require_subcommand(1);
   add_data(app);
   add_mesh(app);

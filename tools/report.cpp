@@ -120,7 +120,7 @@ void run(const Options& o) {
   const std::string html = make_report(input);
   write_text(o.out, html);
   const nlohmann::ordered_json json{{"report", o.out}, {"bytes", html.size()}};
-  common::print(o.flags.json ? json.dump(1) + "\n" : o.out + "\n");
+  common::print(o.flags.json ? common::dump(json) + "\n" : o.out + "\n");
 }
 
 }  // namespace

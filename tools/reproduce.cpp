@@ -175,8 +175,8 @@ void run_studies(const Options& o, const std::vector<StudyKind>& kinds) {
       common::print(to_text(study));
   }
   if (o.flags.json)
-    common::print((kinds.size() == 1 ? all[0] : nlohmann::ordered_json{{"studies", all}}).dump(1) +
-                  "\n");
+    common::print(
+        common::dump(kinds.size() == 1 ? all[0] : nlohmann::ordered_json{{"studies", all}}) + "\n");
   else
     common::print(report.string() + "\n");
 }

@@ -38,7 +38,7 @@ void print(const Options& o, const Replay& result) {
     rows.push_back({std::to_string(horizon), common::number(error)});
     json["rmse"][std::to_string(horizon)] = error;
   }
-  common::print(o.flags.json ? json.dump(1) + "\n"
+  common::print(o.flags.json ? common::dump(json) + "\n"
                              : result.trajectory + ": " + std::to_string(result.end.frames) +
                                    " frames\n" + common::table(rows));
 }
@@ -80,8 +80,7 @@ void add_rollout(CLI::App& app) {
   rollout.add_option("--model", o->model, "File of the model, for a neural module")
       ->type_name("FILE");
   rollout.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
-  rollout.add_option("--split", o->split, "Which trajectories")
-      ->check(CLI::IsMember({"val", "train"}));
+  common::add_split(rollout, o->split, "Which trajectories");
   rollout.add_option("--trajectory", r.trajectory, "Which of them, from 0")
       ->type_name("K")
       ->check(common::whole_number(0, 100'000'000));

@@ -106,7 +106,7 @@ void run(const Options& o) {
         {"model", o.out}, {"metrics", metrics}, {"complete", complete}, {"stages", Json::array()}};
     for (const StageReport& report : run.result.stages)
       json["stages"].push_back(Json::parse(to_json(report)));
-    common::print(json.dump(1) + "\n");
+    common::print(common::dump(json) + "\n");
   } else {
     common::print((run.already_complete ? "" : stage_table(run.result)) + o.out + "\n" + metrics +
                   "\n");

@@ -50,7 +50,7 @@ void print(const Options& o, const PlayerDocument& document, std::size_t bytes) 
     }
     json["tracks"].push_back({{"name", track.name}, {"motions", list}});
   }
-  common::print(o.flags.json ? json.dump(1) + "\n" : common::table(rows) + o.out + "\n");
+  common::print(o.flags.json ? common::dump(json) + "\n" : common::table(rows) + o.out + "\n");
 }
 
 void run(const Options& o) {
@@ -100,8 +100,7 @@ void add_view(CLI::App& app) {
   view.add_option("-o,--output", o->out, "The HTML file")->type_name("FILE")->required();
   view.add_option("--data", o->data, "Folder of the dataset that files and methods belong to")
       ->type_name("DIR");
-  view.add_option("--split", o->split, "Which trajectories of a dataset")
-      ->check(CLI::IsMember({"val", "train"}));
+  common::add_split(view, o->split, "Which trajectories of a dataset");
   view.add_option("--trajectory", v.trajectories,
                   "Which of them, from 0, after commas (default: 0)")
       ->type_name("K,...")

@@ -80,8 +80,9 @@ Lattice lattice_around(const RawSurface& surface, double cell) {
     const double n = std::ceil((high(axis) - low(axis)) / cell - 1e-5) + 2;
     n_points *= n + 1;
     if (n_points > static_cast<double>(kMostLatticePoints)) {
-      throw ConfigError(text("cells of ", cell, " make a lattice of more than ", kMostLatticePoints,
-                             " points; give a smaller --resolution or a larger --size"));
+      throw ConfigError(
+          text("cells of ", cell, " make a lattice of more than ", kMostLatticePoints,
+               " points; give a smaller --resolution or a larger --size (in units of the file)"));
     }
     lattice.cells[k] = std::max<Index>(3, static_cast<Index>(n));
     lattice.low(axis) =
@@ -182,7 +183,7 @@ FilledSurface fill(const RepairedSurface& surface, const FillOptions& options,
   const SurfaceSolid solid(raw, cell, options.poll);
   filled.mesh = stuff(filled.lattice, solid);
   const std::string remedy =
-      text("raise --resolution above ", std::ceil(longest_side(raw) / cell - 1e-9));
+      text("raise --resolution above ", std::max(1.0, std::ceil(longest_side(raw) / cell - 1e-9)));
   if (filled.mesh.tets.rows() > 0)
     filled.parts = one_body(filled.mesh, kApart * cell, options.crumb);
   if (filled.mesh.tets.rows() == 0) {

@@ -42,7 +42,7 @@ constexpr Row kRows[] = {
       "mesh again with a bound on quality (tetgen -q)"}},
     {MeshDefect::scale,
      {MeshRule::refuse, "scale", "the bounding box is below 1e-6 m or above 1e6 m across", "",
-      "set mesh.scale (--scale)"}},
+      "set the scale (--scale S, or --set mesh.scale=S)"}},
     {MeshDefect::inverted,
      {MeshRule::repair, "inverted_tets", "tet is inverted", "tets are inverted",
       "turned by exchanging two corners"}},
@@ -69,7 +69,7 @@ constexpr Row kRows[] = {
       "", "recorded positions lose digits: move it nearer"}},
     {MeshDefect::units,
      {MeshRule::warn, "units", "the bounding box is below 1 mm or above 100 m across", "",
-      "if the file is not in metres set mesh.scale (--scale)"}},
+      "if the file is not in metres set the scale (--scale S, or --set mesh.scale=S)"}},
 };
 
 const DefectWords& words(MeshDefect defect) {

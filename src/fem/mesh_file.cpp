@@ -11,10 +11,13 @@ MeshFormat mesh_format(const Path& path) {
   if (ending == ".node" || ending == ".ele") return MeshFormat::tetgen;
   if (ending == ".vtk") return MeshFormat::vtk;
   if (ending == ".vtu") return MeshFormat::vtu;
-  throw ConfigError(in_quotes(path.string()) +
-                    ": expected the name of a mesh file that ends in .msh (Gmsh), .node or .ele "
-                    "(TetGen), .vtk or .vtu, found " +
-                    (ending.empty() ? "no ending" : in_quotes(ending)));
+  const bool is_surface = ending == ".obj" || ending == ".stl" || ending == ".ply";
+  throw ConfigError(
+      in_quotes(path.string()) +
+      ": expected the name of a mesh file that ends in .msh (Gmsh), .node or .ele "
+      "(TetGen), .vtk or .vtu, found " +
+      (ending.empty() ? "no ending" : in_quotes(ending)) +
+      (is_surface ? "; that is a surface: 'nmp mesh tet' fills it with tetrahedra" : ""));
 }
 
 std::vector<Path> mesh_files(const Path& path) {

@@ -213,6 +213,20 @@ std::string frame_step_warning(const Scene& scene, bool chosen, double limit) {
               decimal(frame_step(limit) / static_cast<double>(scene.substeps)));
 }
 
+// Whether even the fastest body cannot reach the ground that would deform it; empty if it can.
+std::string fall_warning(const Scene& scene) {
+  if (!scene.physics.pinned.empty() || scene.spin > 0 || !scene.clearance) return {};
+  const double T = scene.h() * static_cast<double>(scene.frames), g = -scene.physics.gravity(2);
+  const double v = scene.speed_max ? *scene.speed_max : std::max(0.0, -scene.v_min(2));
+  const double way = v * T + std::max(0.0, g) * T * T / 2;
+  if (way >= *scene.clearance || !(way > 0)) return {};
+  return text("no body comes to the ground: in ", T, " s it falls ", way, " m at most, and begins ",
+              *scene.clearance,
+              " m above it. Nothing deforms it, so that nothing can be learned: --set "
+              "initial.clearance=",
+              std::pow(10, std::floor(std::log10(way / 4))), ", or more frames");
+}
+
 }  // namespace
 
 Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenOptions& options) {
@@ -278,6 +292,7 @@ Manifest generate_dataset(const Scene& given, const Path& folder, const DataGenO
     const double limit = fem::stable_time_step(mesh, scene.physics.material, scene.physics.pinned);
     const std::string warning = frame_step_warning(scene, given.dt == 0, limit);
     if (!warning.empty()) warn(warning);
+    if (const std::string fall = fall_warning(scene); !fall.empty()) warn(fall);
   }
 
   // 3. The trajectories, a group at a time.

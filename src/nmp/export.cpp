@@ -171,9 +171,8 @@ Exported export_vtu(const ExportSource& source, const Path& out, const ExportOpt
   });
   folder.write(kRest, rest_file(source, {true, options.zlib, false}));
   if (!beside) folder.write(kCollection, fem::to_pvd(entries));
-  if (beside) std::filesystem::remove(out);  // it lists the frames that are about to go
   folder.commit();
-  if (beside) write_text(out, fem::to_pvd(entries));
+  if (beside) write_text(out, fem::to_pvd(entries));  // until then the old one lists what is gone
   return {beside ? out : folder_path / kCollection, frames.n()};
 }
 
@@ -200,8 +199,8 @@ Exported export_pc2(const ExportSource& source, const Path& out, const ExportOpt
   const fem::Surface surface = fem::extract_surface(source.mesh.tets());
   fem::Pc2Writer writer(out, static_cast<Index>(surface.vertices.size()), frames.n());
   frames.for_each([&](Index, const Matrix<double>& x) { writer.write(on_surface(x, surface)); });
-  write_text(body, fem::to_obj(on_surface(source.mesh.vertices(), surface), surface.triangles));
   writer.commit();
+  write_text(body, fem::to_obj(on_surface(source.mesh.vertices(), surface), surface.triangles));
   return {out, frames.n()};
 }
 
@@ -219,7 +218,10 @@ TrajectoryFile open_trajectory(const Path& path, Index n_vertices, std::optional
     if (error != std::errc() || end != word.data() + word.size() || !(value > 0 && value < 1e6))
       throw InputError(
           text(path.string(), ": metadata h: expected seconds, found ", in_quotes(word)));
-    if (!h) h = value;
+    if (h && std::abs(*h - value) > 1e-6 * value)
+      throw ConfigError(text(path.string(), ": says that its frames are ", value,
+                             " s apart: --h is for files that do not tell"));
+    h = value;
   }
   if (!h) throw ConfigError(path.string() + ": does not tell the time between its frames: --h S");
   const RecordInfo info{path.filename().string(), 0, n_states - 1, ""};

@@ -24,7 +24,10 @@ void check(const ReplayOptions& o) {
   if (!neural_law(o)) known(o.constitutive, fem::law_names());
   known(o.integrator, {"neural", "semi-implicit"});
   if (o.model.empty() && (neural_law(o) || neural_integrator(o)))
-    throw ConfigError("a neural module needs a model");
+    throw ConfigError(text("the ", neural_law(o) ? "law" : "integrator",
+                           " is neural: name a model (--model), or an analytic one (",
+                           neural_law(o) ? "--constitutive stvk" : "--integrator semi-implicit",
+                           ")"));
   if ((o.E || o.nu) && neural_law(o)) throw ConfigError("E and nu belong to an analytic law");
   if (o.dt && neural_integrator(o))
     throw ConfigError("dt belongs to the integrator semi-implicit; the neural one steps by h");

@@ -196,7 +196,7 @@ Scene parse_scene(const std::string& text, const std::string& origin,
   if (scene.name.empty()) config.fail("name", "expected a name, found none");
   if (config.is_override("mesh.file")) scene.mesh_folders.emplace_back();
   if (scene.has_pins()) {
-    const std::string why = "of a body with pins, which starts at rest";
+    const std::string why = "of a body with pins, which starts where it is at rest";
     if (scene.random_orientation) {
       config.fail("initial.random_orientation", "expected false " + why + ", found true");
     }

@@ -123,7 +123,9 @@ class Run {
     if (n == 0) throw InputError(dataset.folder().string() + ": there is no training trajectory");
     if (config.select >= n)
       throw ConfigError(text("select = ", config.select, " sets aside all ", n,
-                             " training trajectories; at most ", n - 1, " can be"));
+                             " training trajectories, to choose the best weights by; at most ",
+                             n - 1, " can be: record more, or --set select=", n - 1,
+                             n == 1 ? " chooses by those that are learned from" : ""));
     for (Index i = 0; i < n; ++i)
       (i < n - config.select ? learn_ : trial_)
           .push_back(&dataset.train()[static_cast<std::size_t>(i)]);

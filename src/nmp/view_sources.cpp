@@ -106,12 +106,22 @@ ViewMethod parse_view_method(const std::string& word, const Path& model) {
   return method;
 }
 
+constexpr std::size_t kNamed = 12;
+
 const Trajectory& find_record(const Dataset& dataset, const std::string& name) {
   for (const std::vector<Trajectory>* split : {&dataset.train(), &dataset.validation()})
     for (const Trajectory& record : *split)
       if (record.name() == name || record.name() == name + kExtension) return record;
-  throw ConfigError(dataset.folder().string() + " has no record " + in_quotes(name) +
-                    "; nmp data info lists them");
+  std::string names;
+  std::size_t n = 0;
+  for (const std::vector<Trajectory>* split : {&dataset.train(), &dataset.validation()})
+    for (const Trajectory& record : *split)
+      if (++n <= kNamed)
+        names += (names.empty() ? "" : ", ") +
+                 printable(Path(record.name()).replace_extension().string());
+  if (n > kNamed) names += text(" and ", n - kNamed, " more");
+  throw ConfigError(text(dataset.folder().string(), " has no record ", in_quotes(name), "; it has ",
+                         names.empty() ? "none" : names));
 }
 
 }  // namespace nmp

@@ -222,11 +222,11 @@ TEST_SUITE("fem/mesh_check") {
     };
     for (const double scale : {1e12, 1e-12, 1e200, 1e-120}) {
       CAPTURE(scale);
-      CHECK(contains(refusal(scaled(scale)), "below 1e-6 m or above 1e6 m across: set mesh.scale"));
+      CHECK(contains(refusal(scaled(scale)), "below 1e-6 m or above 1e6 m across: set the scale"));
     }
     for (const double scale : {1e-4, 1e3}) {
       CHECK(only(scaled(scale)).defect == MeshDefect::units);
-      CHECK(contains(repaired(scaled(scale)).warnings[0], "set mesh.scale"));
+      CHECK(contains(repaired(scaled(scale)).warnings[0], "set the scale"));
     }
     for (const double scale : {1e-3, 50.0}) CHECK(check_mesh(scaled(scale)).all.empty());
     RawMesh far = cube();

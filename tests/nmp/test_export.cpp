@@ -225,7 +225,9 @@ TEST_SUITE("nmp/export") {
     CHECK(opened.frames.frames() == 20);
     CHECK(find_record(data, opened.frames) == &data.validation()[1]);
     CHECK_THROWS_AS(open_trajectory(file, 26), InputError);
-    CHECK(open_trajectory(file, 27, 2.0).h == 2);
+    CHECK(open_trajectory(file, 27, 5e-4).h == 5e-4);
+    CHECK(contains(test::message<ConfigError>([&] { open_trajectory(file, 27, 2.0); }),
+                   "says that its frames are 0.0005 s apart"));
     std::string bytes = get(file);
     bytes.back() = static_cast<char>(bytes.back() ^ 1);
     test::put(folder / "damaged", bytes);

@@ -89,7 +89,7 @@ expect 0 data gen cube -o fast "${tiny[@]}" --set "initial.v_min=[0, 0, -15]" --
 expect 0 rollout --model m.safetensors --data fast && says "go beyond the training's"
 [ "$(grep -c "go beyond" stderr)" -eq 1 ] || complain "the warning of strains is not given once"
 expect 0 eval --model m.safetensors --data d --json && is_json && cp stdout eval.json
-expect 0 eval --model m.safetensors --data d && prints "neural"
+expect 0 eval --model m.safetensors --data d --split validation && prints "neural"
 expect 2 eval --model m.safetensors --data d --horizons 25 && says "24"
 expect 2 eval --model m.safetensors --data d --methods nerual && says "neural"
 expect 0 data gen cube -o hit "${tiny[@]}" --set initial.clearance=0.002 --set time.frames=60
@@ -99,12 +99,14 @@ expect 0 fit --data hit --params E,density --segments 4 --length 20 --json && is
 expect 2 fit --data hit --params mass && says "these are: E, nu"
 expect 2 fit --data hit --guess E=stiff && says "NAME=VALUE"
 expect 2 fit --data d && says "too few for segments"
-expect 0 data gen cube -o falls "${tiny[@]}" --set initial.clearance=0.1
+expect 0 data gen cube -o falls "${tiny[@]}" --set initial.clearance=0.1 && says "--set initial.clearance=0.001"
+expect 2 data gen body.msh -o none && says "--mesh FILE"
 expect 3 fit --data falls --params E --length 5 && says "do not tell log E" && silent
 expect 0 rollout --model m.safetensors --data d -o r.safetensors --json && is_json
 expect 2 rollout --model m.safetensors --data d -o r.safetensors && says "--force"
 expect 4 train fast --data falls -o none.safetensors "${quick[@]}" && says "motions that deform the body"
 expect 2 rollout --model m.safetensors --data d --trajectory 2 && says "from 0"
+expect 2 rollout --data d --constitutive stvk && says "--integrator semi-implicit"
 expect 2 rollout --data d --constitutive stvk --integrator semi-implicit --dt 3e-4 && says "divide"
 expect 2 rollout --data d --constitutive stvk --integrator semi-implicit --nu 0.5 && says "nu"
 expect 0 rollout --data d --constitutive stvk --integrator semi-implicit --dt 1e-4 --frames 30
@@ -118,6 +120,8 @@ expect 0 export --data d -o frames --json && is_json && prints '"record": null'
 [ "$(find frames -name 'frame_*.vtu' | wc -l)" -eq 25 ] || complain "not a file for each frame"
 [ "$(grep -c '<DataSet' frames/frames.pvd)" -eq 25 ] || complain "the collection lacks frames"
 expect 2 export --data d -o frames && says "--force"
+expect 2 export --data d -o one.obj && says "--format obj"
+expect 2 export r.safetensors --data d --h 0.5 -o none && says "--h is for files that do not tell"
 expect 0 export r.safetensors --data d -o frames --force --every 10 --stress &&
   prints "3 frames of r.safetensors, errors against val/000.safetensors"
 grep -q 'Name="von_mises"' frames/frame_0020.vtu || complain "the frames lack stresses"
@@ -175,7 +179,7 @@ expect 2 view --data d --trajectory 0,1,0,1,0,1 --methods stvk,neo-hookean --pla
 expect 2 view -o bad.html && says "nothing to show"
 expect 2 view r.safetensors -o bad.html && says "--data"
 expect 2 view --data d --methods nerual --model m.safetensors -o bad.html && says "neo-hookean"
-expect 2 view d:val/007 -o bad.html && says "no record"
+expect 2 view d:val/007 -o bad.html && says "no record" && says "train/000, train/001, val/000"
 expect 2 view d --stress neural -o bad.html && says "--model"
 expect 2 view d --trajectory 0,x -o bad.html
 expect 3 view --data d text -o bad.html && says "text"
@@ -200,6 +204,8 @@ cmp <(tail -c 1944 imported/train/001.safetensors) <(tail -c 1944 d/train/001.sa
 expect 0 train fast --data imported -o i.safetensors "${quick[@]}"
 expect 2 data import f0/frames.pvd -o new && says "--gravity"
 expect 2 data import f0/frames.pvd "${around[@]}" --E 1e5 -o new && says "--law"
+expect 2 data import f0/frames.pvd "${around[@]}" --law stvk -o new && says "--E and --nu"
+expect 0 data import f0/frames.pvd --gravity 0,-9.8,0 --ground 0 -o sideways && says "after --up"
 expect 2 data import f0/frame_0000.vtu "${around[@]}" -o new && says ".pvd"
 expect 3 data import f0/frames.pvd "${around[@]}" --displacement u -o new && says "'u'"
 expect 3 data import text.pvd "${around[@]}" -o new && says "text.pvd:1"

@@ -61,7 +61,7 @@ done
 expect 2 mesh && says "tet, box, surface, info, check, convert" && silent
 expect 2 mesh chekc body.node && says "did you mean check?"
 expect 2 mesh info && says "FILE"
-expect 2 mesh info body.stl && says ".msh (Gmsh), .node or .ele (TetGen), .vtk or .vtu" && silent
+expect 2 mesh info body.stl && says ".msh (Gmsh), .node or .ele (TetGen), .vtk or .vtu" && says "nmp mesh tet" && silent
 expect 2 mesh info body.node --scale 0
 expect 2 mesh info body.node --up x
 expect 2 mesh convert body.node && says "OUT"
@@ -75,6 +75,8 @@ expect 2 mesh tet cube.stl -o x.msh --size 1 --resolution 3
 expect 2 mesh tet cube.stl -o x.msh --resolution 0
 expect 2 mesh tet cube.stl -o x.msh --mesher cgal
 expect 2 mesh box -o x.msh --size 1,1 --cells 1,1,1
+expect 2 mesh box -o x.msh --size 1,1,1 --cells 1000000,1000000,1000000 && says "a box has 1 to"
+expect 2 mesh box -o x.msh --size 1e100,1,1 --cells 2,2,2
 expect 2 mesh box -o x.msh --size 1,1,0 --cells 1,1,1
 expect 2 mesh box -o x.msh --size 1,1,1 --cells 1,1,1.5
 expect 2 mesh surface body.node -o x.msh && says ".obj, .stl or .ply"
@@ -132,6 +134,7 @@ for form in obj: ply: ply:--binary stl: stl:--binary; do
 done
 expect 2 mesh surface box.msh -o skin.obj --binary && says "text only"
 expect 2 mesh surface box.msh -o "$from" && says "--force"
+expect 0 mesh box -o $'x\xff.msh' --size 1,1,1 --cells 1,1,1 --json && is_json
 expect 0 mesh convert "$from" turned.ply --scale 2 --up y --binary && prints "224 triangles"
 expect 0 mesh check turned.ply && prints "1 m3"
 expect 2 mesh convert "$from" turned.ply && says "--force"
