@@ -63,11 +63,7 @@ fem::TetMesh<double> read_body(const Options& o) {
 }
 
 const Trajectory& choose(const Dataset& dataset, const Options& o) {
-  const auto& records = o.split == "train" ? dataset.train() : dataset.validation();
-  if (o.trajectory >= static_cast<Index>(records.size()))
-    throw ConfigError(text("there is no trajectory ", o.trajectory, ": the split ", o.split,
-                           " has ", records.size(), ", counted from 0"));
-  const Trajectory& record = records[static_cast<std::size_t>(o.trajectory)];
+  const Trajectory& record = find_trajectory(dataset, o.split == "train", o.trajectory);
   record.verify();
   return record;
 }

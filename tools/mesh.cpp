@@ -297,7 +297,8 @@ void add_mesh(CLI::App& app) {
        "nmp mesh convert body.node body.vtu --up y --fix",
        "nmp mesh convert body.msh body_m.msh --scale 0.001 --binary"});
   mesh_tool::add_input(change, o->in, "IN", kMeshOrSurface);
-  change.add_option("OUT", o->out, "The file to write; of TetGen's pair either")->required();
+  change.add_option("OUT,-o,--output", o->out, "The file to write; of TetGen's pair either")
+      ->required();
   change.add_flag("--fix", o->fix, "Repair what 'nmp mesh check' calls repaired");
   change.add_flag("--binary", o->binary, "Write the binary form of the format");
   change.add_flag("--gmsh2", o->gmsh2, "Write version 2.2 of Gmsh's format instead of 4.1");

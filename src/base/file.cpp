@@ -39,7 +39,7 @@ const char* remedy(int error) {
     case EROFS:
       return "; check the permissions of the file and its folder";
     case ENOENT:
-      return "; check the path, its folder must exist";
+      return "; check the path, and that its folder exists";
     case EMFILE:
     case ENFILE:
       return "; close some files or raise the limit of open files";

@@ -97,6 +97,16 @@ void Dataset::verify() const {
     for (const Trajectory& record : *records) record.verify();
 }
 
+const Trajectory& find_trajectory(const Dataset& dataset, bool train_split, Index k) {
+  const std::vector<Trajectory>& records = train_split ? dataset.train() : dataset.validation();
+  const auto n = static_cast<Index>(records.size());
+  if (k < 0 || k >= n)
+    throw ConfigError(text(dataset.folder().string(), ": there is no trajectory ", k,
+                           ": the split ", train_split ? "train" : "val", " has ", n,
+                           n > 0 ? ", counted from 0" : ": choose another one, --split"));
+  return records[static_cast<std::size_t>(k)];
+}
+
 void write_mesh(const Path& path, const fem::TetMesh<double>& mesh,
                 const std::vector<int>& pinned) {
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;

@@ -41,6 +41,9 @@ class Dataset {
   std::vector<Trajectory> train_, validation_;
 };
 
+/// Trajectory k of a split.
+/// @throws ConfigError  if there is none
+const Trajectory& find_trajectory(const Dataset& dataset, bool train_split, Index k);
 /// The path of a dataset's file, links resolved.
 /// @throws InputError  if a link leads out of the folder; IoError
 Path dataset_file(const Path& folder, const std::string& name);

@@ -154,7 +154,10 @@ void check_options(const EvaluateOptions& options, const std::vector<std::string
 Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateOptions& options) {
   Bench bench(model, dataset);
   const std::vector<Trajectory>& all = options.train_split ? dataset.train() : dataset.validation();
-  if (all.empty()) throw InputError(dataset.folder().string() + ": the split holds no trajectory");
+  if (all.empty())
+    throw InputError(
+        dataset.folder().string() +
+        ": the split holds no trajectory: choose another (--split), or make or import some for it");
   const auto n = static_cast<std::size_t>(
       options.trajectories > 0
           ? std::min<Index>(options.trajectories, static_cast<Index>(all.size()))

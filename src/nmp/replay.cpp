@@ -33,16 +33,6 @@ void check(const ReplayOptions& o) {
     throw ConfigError("dt belongs to the integrator semi-implicit; the neural one steps by h");
 }
 
-const Trajectory& choose(const Dataset& dataset, const ReplayOptions& o) {
-  const auto& records = o.train_split ? dataset.train() : dataset.validation();
-  if (o.trajectory < 0 || o.trajectory >= static_cast<Index>(records.size()))
-    throw ConfigError(text("there is no trajectory ", o.trajectory, ": the split has ",
-                           records.size(), ", counted from 0"));
-  const Trajectory& record = records[static_cast<std::size_t>(o.trajectory)];
-  record.verify();
-  return record;
-}
-
 fem::Material material(const ReplayOptions& o, const Manifest& manifest) {
   if (!manifest.law_known && !(o.E && o.nu))
     throw ConfigError("the dataset does not tell its law: E and nu must be given");
@@ -78,7 +68,8 @@ template <class Real>
 Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
   const Manifest& manifest = dataset.manifest();
   const fem::Physics& physics = manifest.physics;
-  const Trajectory& record = choose(dataset, o);
+  const Trajectory& record = find_trajectory(dataset, o.train_split, o.trajectory);
+  record.verify();
   const Index n_frames = o.frames > 0 ? o.frames : record.frames();
 
   const Setting<Real> setting(dataset);

@@ -114,12 +114,7 @@ class Viewer {
 
   // 2. The motions of one track; the first one sets how much of the others is shown.
   const Trajectory& record(std::size_t number, Index k) const {
-    const Dataset& dataset = worlds_[number].dataset;
-    const auto& records = o_.train_split ? dataset.train() : dataset.validation();
-    if (k < 0 || k >= static_cast<Index>(records.size()))
-      throw ConfigError(text(dataset.folder().string(), ": there is no trajectory ", k,
-                             ": the split has ", records.size(), ", counted from 0"));
-    return records[static_cast<std::size_t>(k)];
+    return find_trajectory(worlds_[number].dataset, o_.train_split, k);
   }
 
   Track plan(Index k) {

@@ -137,7 +137,7 @@ expect 2 mesh surface box.msh -o "$from" && says "--force"
 expect 0 mesh box -o $'x\xff.msh' --size 1,1,1 --cells 1,1,1 --json && is_json
 expect 0 mesh convert "$from" turned.ply --scale 2 --up y --binary && prints "224 triangles"
 expect 0 mesh check turned.ply && prints "1 m3"
-expect 2 mesh convert "$from" turned.ply && says "--force"
+expect 2 mesh convert "$from" -o turned.ply && says "--force"
 expect 0 mesh convert turned.ply turned.stl --fix --json && is_json
 expect 0 mesh tet "$from" -o one.vtu --json && is_json && prints '"n_parts": 1' && prints '"lost_area": 0.0'
 expect 0 mesh tet "$from" -o two.vtu --threads 3 && cmp -s one.vtu two.vtu ||
