@@ -71,8 +71,9 @@ std::string cases(const CLI::App& app, const std::string& name) {
   return "    '" + name + "') words='" + words + "' ;;\n" + below;
 }
 
-std::string bash_completion(const CLI::App& root) {
-  return "# Completion of nmp for bash: source <(nmp completion bash)\n"
+std::string completion_for(const std::string& shell, const CLI::App& root) {
+  return "# Completion of nmp for " + shell + ": source <(nmp completion " + shell + ")\n" +
+         (shell == "zsh" ? "autoload -U +X bashcompinit && bashcompinit\n" : "") +
          "_nmp_words() {\n"
          "  case \"$1\" in\n" +
          cases(root, "") +
@@ -102,13 +103,13 @@ void add_help(CLI::App& app) {
   help.callback([topic] { show_page(*topic); });
 
   CLI::App& completion = common::add_command(
-      app, "completion", "What a shell's Tab key needs to know", "For zsh, run bashcompinit first.",
+      app, "completion", "What a shell's Tab key needs to know", "",
       {"source <(nmp completion bash)", "nmp completion bash > /etc/bash_completion.d/nmp"});
   const auto shell = std::make_shared<std::string>("bash");
   completion.add_option("shell", *shell, "Which shell")
       ->check(CLI::IsMember({"bash", "zsh"}))
       ->required();
-  completion.callback([&app] { common::print(bash_completion(app)); });
+  completion.callback([&app, shell] { common::print(completion_for(*shell, app)); });
 }
 
 }  // namespace nmp
