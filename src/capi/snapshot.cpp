@@ -18,7 +18,7 @@ class Writer {
  public:
   template <class T>
   void put(const T* values, std::size_t n) {
-    bytes_.append(reinterpret_cast<const char*>(values), n * sizeof(T));
+    if (n > 0) bytes_.append(reinterpret_cast<const char*>(values), n * sizeof(T));
   }
   void number(std::uint64_t value) { put(&value, 1); }
   template <class Real>
@@ -58,7 +58,7 @@ class Reader {
   template <class T>
   void get(T* values, std::size_t n) {
     if (n > (end_ - at_) / sizeof(T)) fail("ends too early");
-    std::memcpy(static_cast<void*>(values), bytes_.data() + at_, n * sizeof(T));
+    if (n > 0) std::memcpy(static_cast<void*>(values), bytes_.data() + at_, n * sizeof(T));
     at_ += n * sizeof(T);
   }
   std::uint64_t number() {
