@@ -35,9 +35,17 @@ extern "C" {
 #define NMP_API
 #endif
 
+/* The enumerations are ints in both languages: a number that none of them has is then an error and
+ * not undefined behaviour of C++. */
+#ifdef __cplusplus
+#define NMP_INT_ENUM : int
+#else
+#define NMP_INT_ENUM
+#endif
+
 /* -- errors ------------------------------------------------------ */
 
-typedef enum nmp_status {
+typedef enum nmp_status NMP_INT_ENUM {
   NMP_OK = 0,
   NMP_ERROR_INTERNAL = 1,  /* should not happen */
   NMP_ERROR_ARGUMENT = 2,  /* an argument that is wrong */
@@ -132,15 +140,15 @@ NMP_API nmp_status nmp_model_with_weights(const nmp_model* model, const double* 
 
 typedef struct nmp_sim nmp_sim;
 
-typedef enum nmp_precision { NMP_SINGLE = 0, NMP_DOUBLE = 1 } nmp_precision;
-typedef enum nmp_law {
+typedef enum nmp_precision NMP_INT_ENUM { NMP_SINGLE = 0, NMP_DOUBLE = 1 } nmp_precision;
+typedef enum nmp_law NMP_INT_ENUM {
   NMP_LAW_NEO_HOOKEAN = 0,
   NMP_LAW_STVK = 1,
   NMP_LAW_PROJECTIVE = 2,
   NMP_LAW_NEURAL = 3,  /* the model's */
   NMP_LAW_CALLBACK = 4 /* stress_callback */
 } nmp_law;
-typedef enum nmp_integrator {
+typedef enum nmp_integrator NMP_INT_ENUM {
   NMP_INTEGRATOR_SEMI_IMPLICIT = 0,
   NMP_INTEGRATOR_NEURAL = 1,  /* the model's */
   NMP_INTEGRATOR_CALLBACK = 2 /* integrator_callback */
@@ -232,7 +240,7 @@ typedef struct nmp_plane {
 } nmp_plane;
 NMP_API nmp_status nmp_sim_set_planes(nmp_sim* sim, const nmp_plane* planes, size_t n);
 
-typedef enum nmp_field {
+typedef enum nmp_field NMP_INT_ENUM {
   NMP_FIELD_F = 0,     /* deformation gradients, 9 n_tets */
   NMP_FIELD_P = 1,     /* first Piola-Kirchhoff stresses, 9 n_tets [Pa] */
   NMP_FIELD_F_INT = 2, /* internal forces, 3 n_vertices [N] */
@@ -274,7 +282,7 @@ NMP_API nmp_status nmp_grad_add_loss(nmp_sim* sim, const double* dL_dx, const do
                                      size_t n);
 NMP_API nmp_status nmp_grad_backward(nmp_sim* sim);
 
-typedef enum nmp_gradient {
+typedef enum nmp_gradient NMP_INT_ENUM {
   NMP_GRAD_X0 = 0, /* n = 3 n_vertices, as V0 */
   NMP_GRAD_V0 = 1,
   NMP_GRAD_FORCE = 2,    /* in the external forces during call `frame` of nmp_sim_step(sim, 1) */
