@@ -22,6 +22,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+import time
 
 FENCE = re.compile(r"^( *)```(.*)$")
 
@@ -119,7 +120,7 @@ def start_each(script, folder, seconds=3):
 
 
 def run_page(page, options, known):
-    failures, n_run, skipped = [], 0, []
+    failures, n_run, skipped, start = [], 0, [], time.monotonic()
     meshes = os.environ.get("NMP_MESHES")
     with tempfile.TemporaryDirectory() as folder:
         if meshes:
@@ -154,7 +155,8 @@ def run_page(page, options, known):
                 failures.append(f"{where}: exit status {result.returncode} of\n{body}"
                                 f"{result.stdout[-1500:]}{result.stderr[-1500:]}")
                 break
-    print(f"{page.name}: {n_run} fences run, {len(skipped)} not")
+    seconds = time.monotonic() - start
+    print(f"{page.name}: {n_run} fences run in {seconds:.0f} s, {len(skipped)} not", flush=True)
     for note in skipped:
         print(f"  SKIPPED {note}")
     return failures

@@ -4,6 +4,7 @@ nmp=$(realpath "$1")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 chmod 755 "$work"
+export OMP_WAIT_POLICY=passive  # waiting threads that spin would starve tests beside each other
 cd "$work" || exit 1
 failures=0
 runs=0
