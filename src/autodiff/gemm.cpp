@@ -290,5 +290,6 @@ void multiply_adjoint_W_reference(const ConstView<Real>& y_bar, const ConstView<
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)
+#undef NMP_INSTANTIATE
 
 }  // namespace nmp::ad

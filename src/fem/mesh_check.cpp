@@ -13,7 +13,6 @@ namespace nmp::fem {
 namespace {
 
 constexpr std::size_t kShown = 10;  // ids of a finding in a message
-constexpr double kFlat = 1e-12;     // as TetMesh
 constexpr double kSliver = 1e-3;
 constexpr double kSmallest = 1e-6, kLargest = 1e6;  // diagonal of a body in metres
 constexpr double kSmall = 1e-3, kLarge = 100;       // of a usual one

@@ -11,9 +11,6 @@ namespace nmp::fem {
 
 namespace {
 
-constexpr double kFlat =
-    1e-12;  // 6 V_e over the longest edge cubed; rounding alone makes some 1e-15
-
 void check_mesh(const Matrix<double>& vertices, const Tets& tets) {
   NMP_CHECK(vertices.cols() == 3, "vertices must be #V x 3, got " + shape(vertices));
   NMP_CHECK(tets.rows() > 0, "a mesh needs at least one tet");

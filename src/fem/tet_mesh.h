@@ -11,6 +11,9 @@ namespace nmp::fem {
 /// #T x 4 vertex indices; (x1 - x0) x (x2 - x0) . (x3 - x0) > 0 at rest.
 using Tets = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 4>;
 
+/// Up to this 6 V_e over its longest edge cubed a tet is flat; rounding alone makes some 1e-15.
+constexpr double kFlat = 1e-12;
+
 /// Rest geometry of a tetrahedral mesh, with everything a step reads laid out once. Immutable, and
 /// cheap to copy: copies share the data, so an operator that keeps a copy can never see it freed.
 template <class Real>
@@ -18,9 +21,7 @@ class TetMesh {
  public:
   /// @param vertices  #V x 3  rest positions X [m]
   /// @throws std::invalid_argument  if there is no tet, an index is out of range, a tet is inverted
-  /// or
-  ///         flat (6 V_e <= 1e-12 of its longest edge cubed), a vertex is not finite or belongs to
-  ///         no tet: each with its number
+  ///         or flat (kFlat), a vertex is not finite or belongs to no tet: each with its number
   TetMesh(const Matrix<double>& vertices, const Tets& tets);
 
   Index n_vertices() const { return data_->vertices.rows(); }

@@ -90,5 +90,6 @@ RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)
+#undef NMP_INSTANTIATE
 
 }  // namespace nmp

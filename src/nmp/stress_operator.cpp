@@ -232,5 +232,6 @@ Var<Real> neural_internal_force(const fem::TetMesh<Real>& mesh, Var<Real> x,
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)
+#undef NMP_INSTANTIATE
 
 }  // namespace nmp

@@ -11,7 +11,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 using namespace study;
 
-constexpr double kGoal = 0.01;  // of E and of nu
+constexpr double kParameterGoal = 0.01;  // of E and of nu
 
 }  // namespace
 
@@ -30,7 +30,7 @@ Study study_sysid(const StudyOptions& options) {
       "",      ""};
   Json json{{"study", "sysid"},
             {"scale", context.scale_name()},
-            {"goal", kGoal},
+            {"goal", kParameterGoal},
             {"fits", Json::array()}};
   struct Try {
     double E_factor, nu_factor;
@@ -72,7 +72,7 @@ Study study_sysid(const StudyOptions& options) {
       text("Rollouts of 60 frames from recorded positions of ", scene.train,
            " trajectories of CUBE, velocities by differences of positions, forces unread. The "
            "worst is off by ",
-           number(100 * worst), " %; goal ", number(100 * kGoal), " %."));
+           number(100 * worst), " %; goal ", number(100 * kParameterGoal), " %."));
   result.json = json.dump();
   return result;
 }

@@ -247,5 +247,6 @@ void add_rows(const Real* tile, Index tile_stride, Index rows, Real* batch, Inde
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)
+#undef NMP_INSTANTIATE
 
 }  // namespace nmp::nn

@@ -95,5 +95,6 @@ double relative_change(const ParameterList<Real>& parameters,
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)
+#undef NMP_INSTANTIATE
 
 }  // namespace nmp::nn

@@ -214,5 +214,6 @@ Var<Real> tile_group_max(const typename MlpTile<Real>::Net& net, Var<Real> x, In
 
 NMP_INSTANTIATE(float)
 NMP_INSTANTIATE(double)
+#undef NMP_INSTANTIATE
 
 }  // namespace nmp::nn
