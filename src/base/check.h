@@ -38,8 +38,13 @@ struct IoError : std::runtime_error {
 /// 6 memory, 1 anything else.
 int exit_code(const std::exception& error);
 
+/// Bytes of the character that `text` begins with: 1 ... 4 if it is well-formed UTF-8 that a
+/// message may show as it is; 0 for controls, marks that reorder or hide text, and bytes that are
+/// no UTF-8.
+std::size_t shown_bytes(std::string_view text);
+
 /// Text of a file or command line as it may stand in a message: of bounded length, without anything
-/// that a terminal would obey.
+/// that a terminal would obey; bytes that are not shown are written \xNN.
 std::string printable(std::string_view raw);
 /// The same in single quotes.
 std::string in_quotes(std::string_view raw);

@@ -1,7 +1,9 @@
 #include "capi/status.h"
 
+#include <algorithm>
 #include <cmath>
 #include <new>
+#include <string_view>
 
 #include "base/check.h"
 
@@ -12,17 +14,20 @@ namespace {
 constexpr std::size_t kMaxBytes = 1024;
 thread_local char last_error[kMaxBytes] = "";
 
-// Line feeds and printable ASCII as they are, other bytes as \xNN: paths may hold anything.
-void append(const char* text, std::size_t& end) {
+// What printable() shows, and line feeds, as they are; other bytes as \xNN: paths may hold
+// anything.
+void append(std::string_view text, std::size_t& end) {
   constexpr char kDigits[] = "0123456789abcdef";
-  for (; *text && end + 5 < kMaxBytes; ++text) {
-    const auto byte = static_cast<unsigned char>(*text);
-    if (byte == '\n' || (byte >= 0x20 && byte < 0x7f)) {
-      last_error[end++] = *text;
+  while (!text.empty() && end + 5 < kMaxBytes) {
+    const std::size_t n = text[0] == '\n' ? 1 : shown_bytes(text);
+    if (n > 0) {
+      end += text.copy(last_error + end, n);
     } else {
+      const auto byte = static_cast<unsigned char>(text[0]);
       for (const char c : {'\\', 'x', kDigits[byte >> 4], kDigits[byte & 15]})
         last_error[end++] = c;
     }
+    text.remove_prefix(std::max<std::size_t>(n, 1));
   }
   last_error[end] = 0;
 }

@@ -374,6 +374,8 @@ TEST_SUITE("capi/contract") {
     refused("nmp_mesh_load", nmp_mesh_load("missing.msh", nullptr, &mesh), NMP_ERROR_IO);
     refused("nmp_mesh_load", nmp_mesh_load("\xff\xfe\x80.msh", nullptr, &mesh), NMP_ERROR_IO);
     CHECK(std::string(nmp_last_error()).find("\\xff") != std::string::npos);
+    refused("nmp_mesh_load", nmp_mesh_load("K\u00f6rper.msh", nullptr, &mesh), NMP_ERROR_IO);
+    CHECK(std::string(nmp_last_error()).find("K\u00f6rper.msh") != std::string::npos);
     refused("nmp_mesh_load", nmp_mesh_load("body.fbx", nullptr, &mesh));
     refused("nmp_mesh_load", nmp_mesh_load(std::string(100000, 'a').c_str(), nullptr, &mesh));
     refused("nmp_model_load", nmp_model_load("missing", &model), NMP_ERROR_IO);

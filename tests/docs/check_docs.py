@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs what the documentation prints.
 
-    check_docs.py [--full] [--skip-meshes] PAGE.md ...
+    check_docs.py [--full] PAGE.md ...
 
 Each page in an empty folder of its own, in the order of the page:
   ```sh            commands, by bash -euo pipefail
