@@ -5,7 +5,9 @@
 
 #include <atomic>
 #include <cerrno>
+#include <cstdio>
 #include <fstream>
+#include <memory>
 #include <utility>
 
 #include "base/check.h"
@@ -76,21 +78,46 @@ void AtomicFolder::write(const std::string& name, std::string_view content) cons
   if (!file) fail(folder_ / name, "write", std::error_code(errno, std::generic_category()));
 }
 
+// The new folder under the name of an old one, the old one under the temporary name.
+void AtomicFolder::exchange() {
+  const auto rename = [](const Path& from, const Path& to) {
+    return ::rename(from.c_str(), to.c_str()) == 0;
+  };
+  const auto why = [] { return std::error_code(errno, std::generic_category()); };
+  if (::renameat2(AT_FDCWD, temporary_.c_str(), AT_FDCWD, folder_.c_str(), RENAME_EXCHANGE) == 0)
+    return;
+  if (errno != EINVAL && errno != ENOSYS) fail(folder_, "take the place of what was there", why());
+  // A file system that cannot: a moment without either.
+  const Path old = temporary_.string() + ".old";
+  if (!rename(folder_, old)) fail(folder_, "move what was there", why());
+  if (!rename(temporary_, folder_)) {
+    const std::error_code error = why();
+    if (rename(old, folder_)) fail(folder_, "take the place of what was there", error);
+    fail(folder_, ("take the place of what was there, which is now " + old.string()).c_str(),
+         error);
+  }
+  temporary_ = old;
+}
+
 void AtomicFolder::commit() {
   NMP_CHECK(!temporary_.empty(), folder_.string() + ": committed twice");
   check_contents();
+  const auto why = [] { return std::error_code(errno, std::generic_category()); };
+  const Path parent = folder_.has_parent_path() ? folder_.parent_path() : Path(".");
+  const int descriptor = ::open(parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) fail(folder_, "open the folder it is in", why());
+  const std::unique_ptr<const int, void (*)(const int*)> closed(&descriptor,
+                                                                [](const int* d) { ::close(*d); });
   // One flush of the file system: waiting for each of a thousand files takes seconds.
-  const int descriptor = ::open(temporary_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  const bool flushed = descriptor >= 0 && ::syncfs(descriptor) == 0;
-  const std::error_code why(errno, std::generic_category());
-  if (descriptor >= 0) ::close(descriptor);
-  if (!flushed) fail(folder_, "flush it to disk", why);
+  if (::syncfs(descriptor) != 0) fail(folder_, "flush it to disk", why());
   std::error_code error;
-  fs::remove_all(folder_, error);
-  if (error) fail(folder_, "remove what was there", error);
-  fs::rename(temporary_, folder_, error);
-  if (error) fail(folder_, "rename the temporary folder to it", error);
-  temporary_.clear();
+  if (fs::is_directory(folder_, error))
+    exchange();
+  else if (::rename(temporary_.c_str(), folder_.c_str()) != 0)
+    fail(folder_, "rename the temporary folder to it", why());
+  // The folder is there; some file systems cannot flush the name of it.
+  ::fsync(descriptor);
+  fs::remove_all(std::exchange(temporary_, Path()), error);
 }
 
 }  // namespace nmp

@@ -25,10 +25,12 @@ class AtomicFolder {
   /// A file in it, without waiting for the disk.
   void write(const std::string& name, std::string_view content) const;
   /// Flushes everything to disk and makes the folder appear, in place of what was there.
+  /// @throws IoError  and what was there is still there
   void commit();
 
  private:
   void check_contents() const;
+  void exchange();
   Path folder_, temporary_;
   std::function<bool(const std::string&)> ours_;
 };

@@ -8,6 +8,7 @@
 #include <cstdarg>
 #include <filesystem>
 
+#include "base/atomic_folder.h"
 #include "base/check.h"
 #include "base/file.h"
 #include "nmp/folder.h"
@@ -24,6 +25,7 @@ struct Plan {
   bool onwards = false;  // and all after it
   int error = EIO;
   bool short_write = false;  // half of the bytes are written instead
+  bool no_exchange = false;  // a file system that cannot exchange two names
   long calls = 0;
   bool active = false;
 };
@@ -51,6 +53,8 @@ int __real_close(int);
 int __real_fsync(int);
 int __real_ftruncate64(int, off_t);
 int __real_rename(const char*, const char*);
+int __real_renameat2(int, const char*, int, const char*, unsigned);
+int __real_syncfs(int);
 ssize_t __real_write(int, const void*, size_t);
 ssize_t __real_pwrite64(int, const void*, size_t, off_t);
 
@@ -82,6 +86,16 @@ int __wrap_ftruncate64(int descriptor, off_t size) {
 }
 int __wrap_rename(const char* from, const char* to) {
   return guarded<int>([&] { return __real_rename(from, to); });
+}
+int __wrap_renameat2(int from_at, const char* from, int to_at, const char* to, unsigned flags) {
+  if (plan.no_exchange) {
+    errno = EINVAL;
+    return -1;
+  }
+  return guarded<int>([&] { return __real_renameat2(from_at, from, to_at, to, flags); });
+}
+int __wrap_syncfs(int descriptor) {
+  return guarded<int>([&] { return __real_syncfs(descriptor); });
 }
 ssize_t __wrap_write(int descriptor, const void* data, size_t size) {
   const bool failing = fails();
@@ -231,6 +245,49 @@ TEST_SUITE("faults") {
         if (!failed) CHECK(content == "new");
         CHECK(n_files(folder.path()) == 1);
       });
+    }
+  }
+
+  TEST_CASE("every call of replacing a folder fails in turn: old or new, nothing else") {
+    const auto ours = [](const std::string&) { return true; };
+    for (const bool no_exchange : {false, true}) {
+      for (const bool onwards : {false, true}) {
+        Plan how;
+        how.onwards = onwards;
+        how.no_exchange = no_exchange;
+        const long calls = sweep(how, [&] {
+          const test::Folder folder;
+          std::filesystem::create_directory(folder / "a");
+          test::put(folder / "a/old", "old");
+          plan.active = true;
+          bool failed = false;
+          try {
+            AtomicFolder made(folder / "a", true, ours);
+            made.write("new", "new");
+            made.commit();
+          } catch (const IoError& error) {
+            failed = true;
+            plan.active = false;
+            CHECK(test::contains(error.what(), (folder / "a").string()));
+          }
+          plan.active = false;
+          CAPTURE(plan.at);
+          if (no_exchange && onwards && failed && !std::filesystem::exists(folder / "a")) {
+            // Nothing can be renamed back then; the message says where it is.
+            REQUIRE(n_files(folder.path()) == 1);
+            const Path kept = std::filesystem::directory_iterator(folder.path())->path();
+            CHECK(get(kept / "old") == "old");
+            return;
+          }
+          CHECK(n_files(folder.path()) == 1);
+          REQUIRE(n_files(folder / "a") == 1);
+          if (failed)
+            CHECK(get(folder / "a/old") == "old");
+          else
+            CHECK(get(folder / "a/new") == "new");
+        });
+        CHECK(calls >= (no_exchange ? 5 : 4));
+      }
     }
   }
 
