@@ -26,6 +26,7 @@ constexpr std::size_t kShown = 4000;  // bytes of output
 
 // In the child, between fork and exec: nothing but system calls.
 [[noreturn]] void become(const Path& program, char* const* words, const Path& folder, int output) {
+  ::setpgid(0, 0);
   const int nothing = ::open("/dev/null", O_RDONLY);
   ::dup2(nothing, 0);
   ::dup2(output, 1);
@@ -36,12 +37,47 @@ constexpr std::size_t kShown = 4000;  // bytes of output
   ::_exit(127);
 }
 
+// A program and those that it starts: a group of processes, which end with this at the latest.
+class Child {
+ public:
+  explicit Child(pid_t id, int output) : id_(id), output_(output) {
+    ::setpgid(id_, id_);  // whoever comes first
+  }
+  ~Child() {
+    ::close(output_);
+    if (!waited_) {
+      kill();
+      wait();
+    }
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+  int output() const { return output_; }
+  void kill() const { ::kill(-id_, SIGKILL); }
+  int wait() {
+    int status = 0;
+    while (::waitpid(id_, &status, 0) < 0 && errno == EINTR) {
+    }
+    waited_ = true;
+    return status;
+  }
+
+ private:
+  pid_t id_;
+  int output_;
+  bool waited_ = false;
+};
+
 // Reads until the other end is closed or a stop is asked for.
-std::string read_end(int output, pid_t child, const std::function<bool()>& stop) {
+std::string read_end(const Child& child, const std::function<bool()>& stop) {
+  const int output = child.output();
   std::string end;
   std::array<char, 4096> buffer;
   for (;;) {
-    if (stop()) ::kill(child, SIGKILL);
+    if (stop()) {
+      child.kill();
+      return end;
+    }
     pollfd wait{output, POLLIN, 0};
     const int ready = ::poll(&wait, 1, 100);
     if (ready == 0 || (ready < 0 && errno == EINTR)) continue;
@@ -78,19 +114,17 @@ ProcessResult run_process(const Path& program, const std::vector<std::string>& w
   pointers.push_back(nullptr);
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0) fail(program, "open a pipe for it");
-  const pid_t child = ::fork();
-  if (child == 0) become(program, pointers.data(), folder, ends[1]);
+  const pid_t id = ::fork();
+  if (id == 0) become(program, pointers.data(), folder, ends[1]);
   ::close(ends[1]);
-  if (child < 0) {
+  if (id < 0) {
     ::close(ends[0]);
     fail(program, "start it");
   }
+  Child child(id, ends[0]);
   ProcessResult result;
-  result.output = read_end(ends[0], child, stop);
-  ::close(ends[0]);
-  int status = 0;
-  while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
-  }
+  result.output = read_end(child, stop);
+  const int status = child.wait();
   result.status = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   return result;
 }

@@ -20,7 +20,9 @@ struct ProcessResult {
 /// Runs a program to its end, without a shell; stdin is empty.
 /// @param words   its arguments behind its name
 /// @param folder  where it runs
-/// @param stop    asked ten times a second; true ends the program by SIGKILL
+/// @param stop    asked ten times a second; true ends the program, and those that it has started,
+/// by
+///                SIGKILL, as does what it throws
 /// @throws IoError  if it cannot be started
 ProcessResult run_process(const Path& program, const std::vector<std::string>& words,
                           const Path& folder, const std::function<bool()>& stop);

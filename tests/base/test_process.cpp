@@ -2,8 +2,11 @@
 
 #include <doctest/doctest.h>
 
+#include <signal.h>
+
 #include <chrono>
 #include <cstdlib>
+#include <stdexcept>
 
 #include "base/check.h"
 #include "nmp/folder.h"
@@ -47,6 +50,23 @@ TEST_SUITE("base/process") {
     const test::Folder folder;
     const auto begin = std::chrono::steady_clock::now();
     CHECK(run_process("/bin/sleep", {"60"}, folder.path(), [] { return true; }).status == 128 + 9);
+    CHECK(std::chrono::steady_clock::now() - begin < std::chrono::seconds(20));
+  }
+
+  TEST_CASE("a stop ends what the program has started, too; what it throws is passed on") {
+    const test::Folder folder;
+    const auto begin = std::chrono::steady_clock::now();
+    int asked = 0;
+    const auto later = [&] { return ++asked > 5; };
+    CHECK(shell("sleep 60 & wait", folder.path(), later).status == 128 + 9);
+    asked = 0;
+    const auto throwing = [&]() -> bool {
+      if (++asked > 5) throw std::runtime_error("enough");
+      return false;
+    };
+    CHECK_THROWS_WITH(shell("echo $$ > id; sleep 60 & wait", folder.path(), throwing), "enough");
+    const std::string id = test::get(folder / "id");
+    CHECK(::kill(static_cast<pid_t>(std::stol(id)), 0) != 0);  // gone, and waited for
     CHECK(std::chrono::steady_clock::now() - begin < std::chrono::seconds(20));
   }
 
