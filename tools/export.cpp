@@ -13,6 +13,7 @@
 #include "fem/mesh_check.h"
 #include "fem/mesh_file.h"
 #include "nmp/export.h"
+#include "nmp/trajectory_file.h"
 
 namespace nmp {
 namespace {
@@ -76,9 +77,13 @@ void run(const Options& o) {
   ExportSource source{dataset ? dataset->mesh() : read_body(o), {}, nullptr, 0, nullptr, {}};
   std::optional<TrajectoryFile> rollout;
   if (!o.rollout.empty()) {
-    rollout.emplace(open_trajectory(o.rollout, source.mesh.n_vertices(), o.h));
-    source.frames = &rollout->frames;
+    const std::optional<double> h = dataset && !o.h ? dataset->manifest().h : o.h;
+    rollout.emplace(open_trajectory(o.rollout, source.mesh.n_vertices(), h));
+    source.frames = &rollout->trajectory;
     source.h = rollout->h;
+    if (o.h && std::abs(*o.h - source.h) > 1e-6 * source.h)
+      throw ConfigError(text(printable(o.rollout), ": says that its frames are ", source.h,
+                             " s apart: --h is for files that do not tell"));
   }
   if (dataset) {
     const Manifest& manifest = dataset->manifest();
@@ -96,7 +101,7 @@ void run(const Options& o) {
       common::note(times + ": no errors are written");
     } else if (o.chosen) {
       source.record = &choose(*dataset, o);
-    } else if ((source.record = find_record(*dataset, rollout->frames)) == nullptr) {
+    } else if ((source.record = record_with_start(*dataset, rollout->trajectory)) == nullptr) {
       common::note("no record of " + o.data +
                    " has this start: no errors are written (--trajectory names one)");
     }
@@ -173,7 +178,8 @@ void add_export(CLI::App& app) {
   command.add_flag("--stress", o->stress,
                    "vtu: also von_mises [Pa] and energy [J/m3] by the dataset's law");
   command.add_flag("--zlib", o->frames.zlib, "vtu: compress the files");
-  command.add_option("--h", o->h, "Seconds between frames, where the ROLLOUT does not tell")
+  command
+      .add_option("--h", o->h, "Seconds between frames, where neither ROLLOUT nor dataset tells")
       ->type_name("S")
       ->check(common::real_number(1e-12, 1e6));
   common::add_force(command, o->flags);

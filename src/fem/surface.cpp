@@ -71,6 +71,14 @@ Surface extract_surface(const Tets& tets) {
   return surface;
 }
 
+Matrix<double> on_surface(const Matrix<double>& values, const Surface& surface) {
+  if (values.size() == 0) return {};
+  Matrix<double> rows(static_cast<Index>(surface.vertices.size()), values.cols());
+  for (Index i = 0; i < rows.rows(); ++i)
+    rows.row(i) = values.row(surface.vertices[static_cast<std::size_t>(i)]);
+  return rows;
+}
+
 Eigen::Matrix<std::int32_t, Eigen::Dynamic, 2> edges_of(const Triangles& triangles) {
   std::vector<std::pair<std::int32_t, std::int32_t>> edges;
   edges.reserve(static_cast<std::size_t>(3 * triangles.rows()));

@@ -24,6 +24,10 @@ struct Surface {
 /// @throws std::invalid_argument  as surface_triangles
 Surface extract_surface(const Tets& tets);
 
+/// The rows of values of all vertices that belong to the surface's, in its order; none of none.
+/// @param values  #V x k   @return  #surface.vertices x k
+Matrix<double> on_surface(const Matrix<double>& values, const Surface& surface);
+
 /// The edges of triangles, each once: #E x 2, the smaller vertex first, ascending.
 Eigen::Matrix<std::int32_t, Eigen::Dynamic, 2> edges_of(const Triangles& triangles);
 

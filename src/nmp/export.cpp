@@ -2,7 +2,6 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <limits>
 
@@ -14,6 +13,7 @@
 #include "fem/surface_writer.h"
 #include "fem/vtu_writer.h"
 #include "nmp/config.h"
+#include "nmp/vertex_measures.h"
 
 namespace nmp {
 
@@ -41,56 +41,30 @@ bool is_ours(const std::string& name) {
   return is_frame(name) || name == kCollection || name == kRest || name == kTimes;
 }
 
-// Stress and energy of the elements of a state.
+// What is known of the elements of a state. #T x 1 each.
 class Elements {
  public:
-  explicit Elements(const ExportSource& source)
-      : mesh_(source.mesh),
-        material_(source.material),
-        F_(mesh_.n_tets(), 9),
-        P_(mesh_.n_tets(), 9) {}
+  explicit Elements(const ExportSource& source) : mesh_(source.mesh), material_(source.material) {}
 
-  std::vector<fem::VtuField> fields(const Matrix<double>& x) {
-    fem::deformation_gradient<double>(mesh_, x, F_);
-    Matrix<float> det(mesh_.n_tets(), 1);
-    for (Index e = 0; e < mesh_.n_tets(); ++e)
-      det(e, 0) = static_cast<float>(load_mat3<double>(F_, e).determinant());
-    std::vector<fem::VtuField> fields{{"det_F", det}};
-    if (material_) add_stress(fields);
+  std::vector<fem::VtuField> fields(const Matrix<double>& x) const {
+    const Index n = mesh_.n_tets();
+    Matrix<double> F(n, 9), det(n, 1);
+    fem::deformation_gradient<double>(mesh_, x, F);
+    for (Index e = 0; e < n; ++e) det(e, 0) = load_mat3<double>(F, e).determinant();
+    std::vector<fem::VtuField> fields{{"det_F", det.cast<float>()}};
+    if (!material_) return fields;
+    Matrix<double> Psi(n, 1);
+    fem::energy_density<double>(*material_, right_side_out(F), Psi);
+    for (Index e = 0; e < n; ++e)
+      if (!(det(e, 0) > 0)) Psi(e, 0) = std::numeric_limits<double>::quiet_NaN();
+    fields.push_back({"von_mises", von_mises(F, analytic_stress(*material_)).cast<float>()});
+    fields.push_back({"energy", Psi.cast<float>()});
     return fields;
   }
 
  private:
-  // The neo-Hookean law is not defined inside out.
-  void add_stress(std::vector<fem::VtuField>& fields) {
-    const Index n = mesh_.n_tets();
-    const bool needs_volume = material_->law == "neo-hookean";
-    std::vector<char> defined(static_cast<std::size_t>(n), 1);
-    for (Index e = 0; needs_volume && e < n; ++e) {
-      if (load_mat3<double>(F_, e).determinant() > 0) continue;
-      defined[static_cast<std::size_t>(e)] = 0;
-      store_mat3<double>(F_, e, Mat3<double>::Identity());
-    }
-    Matrix<double> Psi(n, 1);
-    fem::stress<double>(*material_, fem::lame(material_->E, material_->nu), F_, P_);
-    fem::energy_density<double>(*material_, F_, Psi);
-    Matrix<float> von_mises(n, 1), energy = Psi.cast<float>();
-    for (Index e = 0; e < n; ++e) {
-      const Mat3<double> F = load_mat3<double>(F_, e);
-      // sigma = P F^T / det F,   sqrt(3/2 s : s) with s the deviator of sigma.
-      const Mat3<double> sigma = load_mat3<double>(P_, e) * F.transpose() / F.determinant();
-      const Mat3<double> s = sigma - sigma.trace() / 3 * Mat3<double>::Identity();
-      von_mises(e, 0) = static_cast<float>(std::sqrt(1.5) * s.norm());
-      if (defined[static_cast<std::size_t>(e)]) continue;
-      von_mises(e, 0) = energy(e, 0) = std::numeric_limits<float>::quiet_NaN();
-    }
-    fields.push_back({"von_mises", von_mises});
-    fields.push_back({"energy", energy});
-  }
-
   const fem::TetMesh<double>& mesh_;
   const std::optional<fem::Material>& material_;
-  Matrix<double> F_, P_;
 };
 
 // The frames that are exported, one after another.
@@ -140,13 +114,6 @@ class Frames {
   Matrix<double> x_;
 };
 
-Matrix<float> on_surface(const Matrix<double>& x, const fem::Surface& surface) {
-  Matrix<float> rows(static_cast<Index>(surface.vertices.size()), 3);
-  for (Index i = 0; i < rows.rows(); ++i)
-    rows.row(i) = x.row(surface.vertices[static_cast<std::size_t>(i)]).cast<float>();
-  return rows;
-}
-
 std::string rest_file(const ExportSource& source, const fem::VtuStyle& style) {
   Matrix<float> pinned = Matrix<float>::Zero(source.mesh.n_vertices(), 1);
   for (const int i : source.pinned) pinned(i, 0) = 1;
@@ -159,7 +126,7 @@ Exported export_vtu(const ExportSource& source, const Path& out, const ExportOpt
   if (beside) refuse_to_overwrite(out, options.force);
   AtomicFolder folder(folder_path, options.force, is_ours);
   Frames frames(source, options);
-  Elements elements(source);
+  const Elements elements(source);
   std::vector<fem::PvdEntry> entries;
   const std::string prefix = beside ? folder_path.filename().string() + "/" : "";
   frames.for_each([&](Index t, const Matrix<double>& x) {
@@ -183,7 +150,7 @@ Exported export_obj(const ExportSource& source, const Path& out, const ExportOpt
   std::string times = "file,time [s]\n";
   frames.for_each([&](Index t, const Matrix<double>& x) {
     const std::string name = frame_name(t, frames.last(), ".obj");
-    folder.write(name, fem::to_obj(on_surface(x, surface), surface.triangles));
+    folder.write(name, fem::to_obj<float>(on_surface(x, surface).cast<float>(), surface.triangles));
     times += name + "," + decimal(frames.time(t)) + "\n";
   });
   folder.write(kTimes, times);
@@ -198,48 +165,18 @@ Exported export_pc2(const ExportSource& source, const Path& out, const ExportOpt
   Frames frames(source, options);
   const fem::Surface surface = fem::extract_surface(source.mesh.tets());
   fem::Pc2Writer writer(out, static_cast<Index>(surface.vertices.size()), frames.n());
-  frames.for_each([&](Index, const Matrix<double>& x) { writer.write(on_surface(x, surface)); });
+  frames.for_each(
+      [&](Index, const Matrix<double>& x) { writer.write(on_surface(x, surface).cast<float>()); });
+  const std::string rest = fem::to_obj<float>(
+      on_surface(source.mesh.vertices(), surface).cast<float>(), surface.triangles);
+  AtomicFile body_file(body);
+  body_file.append(rest.data(), rest.size());
   writer.commit();
-  write_text(body, fem::to_obj(on_surface(source.mesh.vertices(), surface), surface.triangles));
+  body_file.commit();
   return {out, frames.n()};
 }
 
 }  // namespace
-
-TrajectoryFile open_trajectory(const Path& path, Index n_vertices, std::optional<double> h) {
-  TensorFile file = TensorFile::open(path);
-  const std::int64_t n_states = file.require("x", DType::f32, {-1, n_vertices, 3}).shape[0];
-  const auto& metadata = file.metadata();
-  if (metadata.count("checksum") > 0) file.verify();
-  if (const auto found = metadata.find("h"); found != metadata.end()) {
-    double value = 0;
-    const std::string& word = found->second;
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error != std::errc() || end != word.data() + word.size() || !(value > 0 && value < 1e6))
-      throw InputError(
-          text(path.string(), ": metadata h: expected seconds, found ", in_quotes(word)));
-    if (h && std::abs(*h - value) > 1e-6 * value)
-      throw ConfigError(text(path.string(), ": says that its frames are ", value,
-                             " s apart: --h is for files that do not tell"));
-    h = value;
-  }
-  if (!h) throw ConfigError(path.string() + ": does not tell the time between its frames: --h S");
-  const RecordInfo info{path.filename().string(), 0, n_states - 1, ""};
-  if (info.frames < 0)
-    throw InputError(path.string() + ": expected at least one frame, found none");
-  return {Trajectory(std::move(file), info, n_vertices, *h), *h};
-}
-
-const Trajectory* find_record(const Dataset& dataset, const Trajectory& trajectory) {
-  const fem::State<float> start = trajectory.state<float>(0);
-  for (const auto* records : {&dataset.validation(), &dataset.train()}) {
-    for (const Trajectory& record : *records) {
-      const fem::State<float> other = record.state<float>(0);
-      if (other.x == start.x && other.v == start.v) return &record;
-    }
-  }
-  return nullptr;
-}
 
 Exported export_frames(const ExportSource& source, const Path& out, const ExportOptions& options) {
   NMP_CHECK(source.frames != nullptr && source.frames->n_vertices() == source.mesh.n_vertices() &&

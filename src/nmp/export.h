@@ -8,18 +8,6 @@
 
 namespace nmp {
 
-/// A trajectory file by itself, as `nmp rollout` writes it.
-struct TrajectoryFile {
-  Trajectory frames;
-  double h;  // between frames [s]
-};
-/// @param h  where the file does not tell; none: it must
-/// @throws InputError  if it is no trajectory of n_vertices, or is damaged; ConfigError without h
-TrajectoryFile open_trajectory(const Path& path, Index n_vertices, std::optional<double> h = {});
-
-/// The record with the same start, by positions and velocities; null if the dataset has none.
-const Trajectory* find_record(const Dataset& dataset, const Trajectory& trajectory);
-
 /// What there is to see.
 struct ExportSource {
   fem::TetMesh<double> mesh;
@@ -50,7 +38,7 @@ struct Exported {
 ///        frames.pvd with the times; if `out` ends in .pvd it is the collection, beside a folder of
 ///        its name. At points v and f_int as far as they are recorded, error (x - x* of the
 ///        record); in cells det_F, and von_mises (of the Cauchy stress) and energy (density) with a
-///        material, NaN where its law is not defined.
+///        material, NaN where det F <= 0.
 ///   obj  a folder with the surface of every frame, frame_0000.obj ..., and times.csv
 ///   pc2  a point cache for Blender, and beside it the surface it moves, of ending .obj
 /// @throws ConfigError  for an unknown format, or if something is in the way; IoError

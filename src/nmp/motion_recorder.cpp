@@ -8,19 +8,6 @@
 
 namespace nmp {
 
-namespace {
-
-// The rows of `values` that lie on the surface; none of none.
-Matrix<double> on_surface(const Matrix<double>& values, const fem::Surface& surface) {
-  if (values.size() == 0) return {};
-  Matrix<double> rows(static_cast<Index>(surface.vertices.size()), values.cols());
-  for (Index i = 0; i < rows.rows(); ++i)
-    rows.row(i) = values.row(surface.vertices[static_cast<std::size_t>(i)]);
-  return rows;
-}
-
-}  // namespace
-
 PlayerBody player_body(const Dataset& dataset, const std::string& stress_law) {
   PlayerBody body;
   body.surface = fem::extract_surface(dataset.mesh().tets());

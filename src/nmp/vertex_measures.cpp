@@ -15,17 +15,6 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-// Laws need not be defined inside out: such elements are shown to them undeformed.
-Matrix<double> stress_of(const StressLaw& law, const Matrix<double>& F, const Matrix<double>& det) {
-  Matrix<double> defined = F;
-  for (Index e = 0; e < F.rows(); ++e)
-    if (!(det(e, 0) > 0)) store_mat3<double>(defined, e, Mat3<double>::Identity());
-  Matrix<double> P = law.stress(defined);
-  NMP_CHECK(P.rows() == F.rows() && P.cols() == 9,
-            text("the stress of ", F.rows(), " elements is ", shape(P)));
-  return P;
-}
-
 }  // namespace
 
 Matrix<double> vertex_means(const fem::TetMesh<double>& mesh, const Matrix<double>& values) {
@@ -63,6 +52,19 @@ Matrix<double> von_mises(const Matrix<double>& F, const Matrix<double>& P) {
   return result;
 }
 
+Matrix<double> right_side_out(const Matrix<double>& F) {
+  NMP_CHECK(F.cols() == 9, text("F must be #T x 9, got ", shape(F)));
+  Matrix<double> defined = F;
+  for (Index e = 0; e < F.rows(); ++e)
+    if (!(load_mat3<double>(F, e).determinant() > 0))
+      store_mat3<double>(defined, e, Mat3<double>::Identity());
+  return defined;
+}
+
+Matrix<double> von_mises(const Matrix<double>& F, const StressLaw& law) {
+  return von_mises(F, law.stress(right_side_out(F)));
+}
+
 StressLaw analytic_stress(const fem::Material& material) {
   const fem::Lame constants = fem::lame(material);
   return {text(material.law, " (E = ", material.E, " Pa, nu = ", material.nu, ")"),
@@ -88,7 +90,7 @@ VertexMeasures measure_vertices(const fem::TetMesh<double>& mesh, const ConstVie
   fem::deformation_gradient<double>(mesh, x, F);
   for (Index e = 0; e < mesh.n_tets(); ++e) det(e, 0) = load_mat3<double>(F, e).determinant();
   VertexMeasures measures{vertex_means(mesh, det), {}};
-  if (law) measures.stress = vertex_means(mesh, von_mises(F, stress_of(law, F, det)));
+  if (law) measures.stress = vertex_means(mesh, von_mises(F, law));
   return measures;
 }
 

@@ -18,12 +18,18 @@ Matrix<double> vertex_means(const fem::TetMesh<double>& mesh, const Matrix<doubl
 /// [Pa]
 Matrix<double> von_mises(const Matrix<double>& F, const Matrix<double>& P);
 
+/// F with the identity in place of elements that are inside out or flat, det F <= 0, where a law
+/// need not be defined.   #T x 9
+Matrix<double> right_side_out(const Matrix<double>& F);
+
 /// A law that tells stresses, and what it is called.
 struct StressLaw {
   std::string name;                                             // for people; empty: none
   std::function<Matrix<double>(const Matrix<double>&)> stress;  // F #T x 9 -> P #T x 9 [Pa]
   explicit operator bool() const { return static_cast<bool>(stress); }
 };
+/// Von Mises stress of every element by that law, as above.   #T x 9  ->  #T x 1 [Pa]
+Matrix<double> von_mises(const Matrix<double>& F, const StressLaw& law);
 StressLaw analytic_stress(const fem::Material& material);
 /// The learned law, in float. Keeps a reference to the model.
 StressLaw learned_stress(const Model<float>& model);

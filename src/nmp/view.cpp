@@ -156,15 +156,10 @@ class Viewer {
 
   Plan file_plan(const ViewSource& source) {
     const Dataset& dataset = worlds_[0].dataset;
-    TrajectoryFile file = open_trajectory(source.path, dataset.mesh().n_vertices());
+    TrajectoryFile file =
+        open_trajectory(source.path, dataset.mesh().n_vertices(), dataset.manifest().h);
     files_.push_back(std::move(file.trajectory));
-    return {source.label,
-            0,
-            file.h.value_or(dataset.manifest().h),
-            files_.back().frames(),
-            &files_.back(),
-            std::nullopt,
-            true};
+    return {source.label, 0, file.h, files_.back().frames(), &files_.back(), std::nullopt, true};
   }
 
   ReplayOptions replay_options(const ViewMethod& method, Index k) const {

@@ -17,13 +17,12 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   body.surface = fem::extract_surface(tets);
   const auto read = [&] {
     return read_trajectory(
-        TensorFile::parse(reinterpret_cast<const std::byte*>(data), size, "fuzz"), 4);
+        TensorFile::parse(reinterpret_cast<const std::byte*>(data), size, "fuzz"), 4, 1e-3);
   };
   return fuzz::run(read, [&](const TrajectoryFile& file) {
-    const double h = file.h.value_or(1e-3);
-    const Reference reference(file.trajectory, 1.5 * h);
+    const Reference reference(file.trajectory, 1.5 * file.h);
     MotionRecorder recorder(
-        {"fuzz", 0, &body, &mesh, h, 2, analytic_stress(fem::Material()), &reference});
+        {"fuzz", 0, &body, &mesh, file.h, 2, analytic_stress(fem::Material()), &reference});
     for (Index t = 0; t <= file.trajectory.frames(); ++t) {
       const fem::State<double> state = file.trajectory.state<double>(t);
       recorder.add(t, state.x, state.v);

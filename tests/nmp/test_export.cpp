@@ -215,35 +215,4 @@ TEST_SUITE("nmp/export") {
     CHECK_THROWS_AS(export_frames(source, folder / "no/folder", options), IoError);
     CHECK(get(folder / "file") == "mine");
   }
-
-  TEST_CASE("a trajectory file by itself tells its frames and times, or is refused") {
-    const test::Folder folder;
-    const Dataset& data = test::tiny_dataset(20);
-    const Path file = data.folder() / "val/001.safetensors";
-    const TrajectoryFile opened = open_trajectory(file, 27);
-    CHECK(opened.h == 5e-4);
-    CHECK(opened.frames.frames() == 20);
-    CHECK(find_record(data, opened.frames) == &data.validation()[1]);
-    CHECK_THROWS_AS(open_trajectory(file, 26), InputError);
-    CHECK(open_trajectory(file, 27, 5e-4).h == 5e-4);
-    CHECK(contains(test::message<ConfigError>([&] { open_trajectory(file, 27, 2.0); }),
-                   "says that its frames are 0.0005 s apart"));
-    std::string bytes = get(file);
-    bytes.back() = static_cast<char>(bytes.back() ^ 1);
-    test::put(folder / "damaged", bytes);
-    CHECK_THROWS_AS(open_trajectory(folder / "damaged", 27), InputError);
-    {
-      TensorFileWriter writer(folder / "bare");
-      writer.declare("x", DType::f32, {2, 27, 3});
-      writer.begin();
-      const std::vector<float> x(2 * 27 * 3, 1);
-      writer.write("x", 0, x.data(), 2 * 27 * 3);
-      writer.commit();
-    }
-    CHECK(contains(test::message<ConfigError>([&] { open_trajectory(folder / "bare", 27); }),
-                   "--h S"));
-    const TrajectoryFile bare = open_trajectory(folder / "bare", 27, 0.1);
-    CHECK(bare.frames.frames() == 1);
-    CHECK(find_record(data, bare.frames) == nullptr);
-  }
 }

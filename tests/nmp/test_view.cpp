@@ -133,8 +133,7 @@ TEST_SUITE("nmp/motion_recorder") {
     for (int k = 0; k <= 3; ++k) record.add(x_at(k * h), v0 + k * h * a, 0 * x0);
     test::write_record(folder / "r", record);
     const TrajectoryFile file = open_trajectory(folder / "r", 27);
-    REQUIRE(file.h);
-    CHECK(*file.h == h);
+    CHECK(file.h == h);
     CHECK(file.trajectory.frames() == 3);
     const Reference reference(file.trajectory, h);
     Matrix<double> x(27, 3);
