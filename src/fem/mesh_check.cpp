@@ -41,7 +41,7 @@ constexpr Row kRows[] = {
       "mesh again with a bound on quality (tetgen -q)"}},
     {MeshDefect::scale,
      {MeshRule::refuse, "scale", "the bounding box is below 1e-6 m or above 1e6 m across", "",
-      "set the scale (--scale S, or --set mesh.scale=S)"}},
+      "set the scale (--scale S, or mesh.scale in a scene)"}},
     {MeshDefect::inverted,
      {MeshRule::repair, "inverted_tets", "tet is inverted", "tets are inverted",
       "turned by exchanging two corners"}},
@@ -68,7 +68,7 @@ constexpr Row kRows[] = {
       "", "recorded positions lose digits: move it nearer"}},
     {MeshDefect::units,
      {MeshRule::warn, "units", "the bounding box is below 1 mm or above 100 m across", "",
-      "if the file is not in metres set the scale (--scale S, or --set mesh.scale=S)"}},
+      "if the file is not in metres set the scale (--scale S, or mesh.scale in a scene)"}},
 };
 
 const DefectWords& words(MeshDefect defect) {
@@ -259,7 +259,8 @@ MeshFindings summary(const RawMesh& mesh, const Survey& survey, std::size_t n_sh
 }
 
 // The mesh with inverted tets turned and what is not needed dropped.
-RawMesh mended(const RawMesh& mesh, const Survey& survey) {
+// @param kept  is given the vertices that stay
+RawMesh mended(const RawMesh& mesh, const Survey& survey, std::vector<std::int32_t>& kept) {
   std::vector<std::int32_t> row(static_cast<std::size_t>(mesh.vertices.rows()), -1);
   RawMesh result;
   result.notes = mesh.notes;
@@ -269,6 +270,7 @@ RawMesh mended(const RawMesh& mesh, const Survey& survey) {
     if (survey.unreferenced[v]) continue;
     result.vertices.row(n) = mesh.vertices.row(v);
     row[static_cast<std::size_t>(v)] = static_cast<std::int32_t>(n++);
+    kept.push_back(static_cast<std::int32_t>(v));
   }
   result.vertices.conservativeResize(n, 3);
   result.tets.resize(mesh.tets.rows(), 4);
@@ -315,7 +317,7 @@ RepairedMesh repair(const RawMesh& mesh, const std::string& name) {
   const MeshFindings findings = summary(mesh, survey, kShown);
   RepairedMesh result;
   result.warnings = warnings_or_refusal(findings, name, "a mesh that can be simulated");
-  result.mesh = mended(mesh, survey);
+  result.mesh = mended(mesh, survey, result.given_vertices);
   return result;
 }
 

@@ -47,7 +47,8 @@ MeshFindings check_mesh(const RawMesh& mesh, std::size_t n_shown = 10);
 
 struct RepairedMesh {
   RawMesh mesh;
-  std::vector<std::string> warnings;  // what was found, and what was done about it
+  std::vector<std::string> warnings;         // what was found, and what was done about it
+  std::vector<std::int32_t> given_vertices;  // that its vertices were before, ascending
 };
 
 /// A mesh that TetMesh accepts. Inverted tets are turned by exchanging two corners, repeated cells

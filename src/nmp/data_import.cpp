@@ -65,23 +65,16 @@ ImportedBody make_imported_body(Rest rest, const ImportOptions& o) {
                      ": every tetrahedron has four vertices of its own: --weld joins "
                      "those at the same place");
 
-  // Repair drops vertices of no tet: those after them move up in number.
-  std::vector<char> used(welded.size(), 0);
-  for (Index e = 0; e < rest.mesh.tets.rows(); ++e)
-    for (Index a = 0; a < 4; ++a) used[static_cast<std::size_t>(rest.mesh.tets(e, a))] = 1;
   const fem::RepairedMesh repaired = fem::repair(rest.mesh, rest.name);
   if (o.warn)
     for (const std::string& warning : repaired.warnings) o.warn(rest.name + ": " + warning);
   ImportedBody body{{repaired.mesh.vertices, repaired.mesh.tets}, {}, {}};
-  for (std::size_t i = 0; i < welded.size(); ++i) {
-    if (!used[i]) continue;
-    const auto row = static_cast<std::size_t>(welded[i]);
-    if (!rest.pinned.empty() && rest.pinned[row])
+  for (const std::int32_t i : repaired.given_vertices) {
+    const Index row = welded[static_cast<std::size_t>(i)];
+    if (!rest.pinned.empty() && rest.pinned[static_cast<std::size_t>(row)])
       body.pinned.push_back(static_cast<int>(body.rows.size()));
-    body.rows.push_back(welded[i]);
+    body.rows.push_back(row);
   }
-  NMP_CHECK(static_cast<Index>(body.rows.size()) == body.mesh.n_vertices(),
-            "the repair of a mesh has kept other vertices than expected");
   return body;
 }
 
@@ -100,12 +93,13 @@ double uniform_h(const FrameSeries& series) {
 }
 
 // Frames of a series as those of the dataset: its vertices, metres, z up, at times k h.
-class Motion {
+class ImportedMotion {
  public:
-  Motion(const Path& file, const ImportOptions& options)
+  ImportedMotion(const Path& file, const ImportOptions& options)
       : options_(options), series_(file, options.displacement) {}
 
   FrameSeries& series() { return series_; }
+  bool has_force(const fem::Tets& tets) { return series_.frame(0, tets).f.has_value(); }
   /// Steps between frames of the dataset.
   Index frames(double h) const {
     if (!options_.resample) return series_.n() - 1;
@@ -186,17 +180,19 @@ bool is_dataset_file(const std::string& name) {
          ((split == "train" || split == "val") && path.extension() == ".safetensors");
 }
 
-void write_motion(Motion& motion, const Path& folder, RecordInfo& record, double h,
-                  const ImportedBody& body, const fem::Tets& tets,
+void write_motion(ImportedMotion& motion, const Path& folder, RecordInfo& record, double h,
+                  const ImportedBody& body, const fem::Tets& tets, const ImportOptions& o,
                   const std::function<void()>& frame_done) {
-  const Motion::State first = motion.state(0, h, body, tets);
+  const ImportedMotion::State first = motion.state(0, h, body, tets);
+  if (o.warn && o.resample && motion.has_force(tets))
+    o.warn(motion.series().name() + ": f_int is not resampled: it is left out");
   std::vector<std::string> tensors{"x"};
   if (first.v) tensors.emplace_back("v");
   if (first.f) tensors.emplace_back("f_int");
   TrajectoryWriter writer(folder / record.name, record.frames, body.mesh.n_vertices(), 0, h, "",
                           tensors);
   for (Index t = 0; t <= record.frames; ++t) {
-    const Motion::State state = motion.state(t, h, body, tets);
+    const ImportedMotion::State state = motion.state(t, h, body, tets);
     const auto write = [&](const char* name, const std::optional<Matrix<double>>& values) {
       if (!values)
         throw InputError(text(motion.series().name(), ": frame ", t, ": expected the array ", name,
@@ -215,7 +211,7 @@ void write_motion(Motion& motion, const Path& folder, RecordInfo& record, double
 
 Manifest import_dataset(const Path& folder, const ImportOptions& o) {
   // 1. The motions, the body they have in common, and the time between frames.
-  std::vector<Motion> motions;
+  std::vector<ImportedMotion> motions;
   for (const auto* files : {&o.train, &o.validation})
     for (const Path& file : *files) motions.emplace_back(file, o);
   if (motions.empty()) throw ConfigError("expected at least one collection to import");
@@ -223,7 +219,7 @@ Manifest import_dataset(const Path& folder, const ImportOptions& o) {
   const fem::Tets tets = first.tets();
   const ImportedBody body = make_imported_body(read_rest(first, tets, o), o);
   double h = o.resample ? *o.resample : uniform_h(first);
-  for (Motion& motion : motions) {
+  for (ImportedMotion& motion : motions) {
     const double other = o.resample ? h : uniform_h(motion.series());
     if (std::abs(other - h) > 1e-4 * h)
       throw InputError(text(motion.series().name(), ": expected frames ", h, " s apart, as in ",
@@ -258,7 +254,7 @@ Manifest import_dataset(const Path& folder, const ImportOptions& o) {
   write_mesh(made.path() / "mesh.safetensors", body.mesh, pinned);
   manifest.mesh_checksum = hash_file(made.path() / "mesh.safetensors");
   double all = 0, done = 0;
-  for (const Motion& motion : motions) all += static_cast<double>(motion.frames(h) + 1);
+  for (const ImportedMotion& motion : motions) all += static_cast<double>(motion.frames(h) + 1);
   const auto frame_done = [&] {
     ++done;
     if (o.progress) o.progress(done / all);
@@ -267,7 +263,7 @@ Manifest import_dataset(const Path& folder, const ImportOptions& o) {
     const bool train = i < o.train.size();
     const auto k = static_cast<Index>(train ? i : i - o.train.size());
     RecordInfo record{record_name(train ? "train" : "val", k), 0, motions[i].frames(h), ""};
-    write_motion(motions[i], made.path(), record, h, body, tets, frame_done);
+    write_motion(motions[i], made.path(), record, h, body, tets, o, frame_done);
     manifest.frames = std::max(manifest.frames, record.frames);
     (train ? manifest.train : manifest.validation).push_back(record);
   }

@@ -29,8 +29,9 @@ struct ImportOptions {
 /// Makes a dataset of another program's motions. The shape at rest is `rest`; else the file
 /// rest.vtu beside the frames, as nmp export writes it; else the points of the first frame, without
 /// their displacement. It is repaired as any mesh (mesh_check.h). PointData v (or velocity) and
-/// f_int are taken over where every frame has them; without v velocities are differences. Frames
-/// must be equally far apart, within 1 %, or are resampled by cubics.
+/// f_int are taken over if the first frame has them, and then every frame must; without v
+/// velocities are differences. f_int is not resampled, which is warned of. Frames must be equally
+/// far apart, within 1 %, or are resampled by cubics.
 /// @throws InputError  naming file, place, expected and found; ConfigError, IoError
 Manifest import_dataset(const Path& folder, const ImportOptions& options);
 
