@@ -14,6 +14,7 @@
 #include <cstdio>
 #include <cstring>
 #include <limits>
+#include <set>
 
 #include "base/check.h"
 #include "base/file.h"
@@ -137,12 +138,8 @@ std::string number(double value, int digits) {
   return words;
 }
 
-std::vector<Index> default_horizons(Index frames) {
-  std::vector<Index> horizons;
-  for (const Index horizon : {100, 500, 1000})
-    if (horizon <= frames) horizons.push_back(horizon);
-  if (horizons.empty()) horizons.push_back(frames);
-  return horizons;
+std::string count(Index n, const char* one, const char* many) {
+  return text(n, " ", n == 1 ? one : many);
 }
 
 Progress::Progress(std::string what)
@@ -155,10 +152,17 @@ Progress::~Progress() { clear(); }
 
 void Progress::update(double part, const std::string& detail) {
   const auto now = Clock::now();
+  part = std::clamp(part, 0.0, 1.0);
+  if (steps_ == 0 || part < part_) {
+    begin_ = now;
+    begin_part_ = part;
+    steps_ = 0;
+  }
+  part_ = part;
+  ++steps_;
   if (now - last_ < (terminal_ ? std::chrono::milliseconds(100) : std::chrono::milliseconds(10000)))
     return;
   last_ = now;
-  part = std::clamp(part, 0.0, 1.0);
   const double elapsed = std::chrono::duration<double>(now - begin_).count();
   std::string line = what_;
   if (terminal_) {
@@ -168,7 +172,10 @@ void Progress::update(double part, const std::string& detail) {
   char percent[16];
   std::snprintf(percent, sizeof percent, " %3.0f %%", 100 * part);
   line += percent;
-  if (part > 0.001 && elapsed > 0.5) line += ", " + duration(elapsed / part - elapsed) + " left";
+  constexpr Index kTimed = 5;
+  const double gained = part - begin_part_;
+  if (steps_ > kTimed && gained > 0.001 && elapsed > 0.5)
+    line += ", " + duration(elapsed * (1 - part) / gained) + " left";
   if (!detail.empty()) line += "  " + detail;
   if (terminal_) {
     std::fprintf(stderr, "\r\033[K%s", line.c_str());
@@ -210,6 +217,16 @@ CLI::Validator real_number(double low, double high) {
   return CLI::Validator(check, "");
 }
 
+std::string alternatives(const std::vector<std::string>& words) {
+  std::string list;
+  for (const std::string& word : words) list += (list.empty() ? "" : "|") + word;
+  return list;
+}
+
+CLI::Option* one_of(CLI::Option* option, const std::vector<std::string>& words) {
+  return option->type_name(alternatives(words))->check(CLI::IsMember(words).description(""));
+}
+
 void add_json(CLI::App& app, Flags& flags) {
   app.add_flag("--json", flags.json, "Write one JSON document to stdout, and nothing else there");
 }
@@ -237,8 +254,7 @@ CLI::Option* add_split(CLI::App& app, std::string& split, const char* what) {
     if (word == "validation") word = "val";
     return std::string();
   };
-  return app.add_option("--split", split, what)
-      ->check(CLI::IsMember({"val", "train"}))
+  return one_of(app.add_option("--split", split, what), {"val", "train", "validation"})
       ->transform(CLI::Validator(short_name, ""));
 }
 
@@ -248,6 +264,40 @@ void add_set(CLI::App& app, Flags& flags) {
       ->default_str("")
       ->allow_extra_args(false);
 }
+
+namespace {
+
+class HelpFormat : public CLI::Formatter {
+ public:
+  std::string make_option_opts(const CLI::Option* option) const override {
+    std::string words;
+    if (option->get_type_size() != 0) {
+      const std::string type = option->get_type_name();
+      if (!type.empty() && !(option->get_positional() && type == "TEXT")) words += " " + type;
+      std::string value = option->get_default_str();
+      if (value.size() >= 2 && value.front() == '[' && value.back() == ']')
+        value = value.substr(1, value.size() - 2);  // a list
+      if (!value.empty() && !option->get_required()) words += "=" + value;
+      const bool says_more = type.size() >= 3 && type.compare(type.size() - 3, 3, "...") == 0;
+      if (option->get_expected_max() == CLI::detail::expected_max_vector_size && !says_more)
+        words += " ...";
+      if (option->get_required()) words += " REQUIRED";
+    }
+    if (!option->get_envname().empty()) words += " (Env:" + option->get_envname() + ")";
+    const auto add_names = [&](const char* what, const std::set<CLI::Option*>& options) {
+      if (options.empty()) return;
+      words += what;
+      for (const CLI::Option* other : options) words += " " + other->get_name();
+    };
+    add_names(" Needs:", option->get_needs());
+    add_names(" Excludes:", option->get_excludes());
+    return words;
+  }
+};
+
+}  // namespace
+
+std::shared_ptr<CLI::FormatterBase> help_format() { return std::make_shared<HelpFormat>(); }
 
 CLI::App& add_command(CLI::App& parent, const std::string& name, const std::string& summary,
                       const std::string& details, std::initializer_list<const char*> examples) {

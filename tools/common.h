@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <initializer_list>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <stdexcept>
@@ -16,7 +17,8 @@
 /// stdout, everything else to stderr.
 namespace nmp::common {
 
-/// Ends a command that a signal has stopped. Exit code 128 + the signal's number.
+/// Ends a command that a signal has stopped, or the time that it was given. Exit code 128 + the
+/// signal's number; where there was none, that of SIGINT.
 struct Interrupted : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -47,10 +49,13 @@ void note(const std::string& line);
 std::string table(const std::vector<std::vector<std::string>>& rows);
 /// With so many significant digits.
 std::string number(double value, int digits = 3);
-/// The paper's horizons 100, 500, 1000 that a recording has; its last frame if it has none of them.
-std::vector<Index> default_horizons(Index frames);
+
+/// "1 trajectory", "2 trajectories".
+std::string count(Index n, const char* one, const char* many);
 
 /// How far a command has come, on stderr: a bar on a terminal, else a line at most every 10 s.
+/// A part that is smaller than the one before begins another piece of work. The time left is told
+/// once some steps have been timed; the first is not, it makes what the others find.
 class Progress {
  public:
   explicit Progress(std::string what);
@@ -60,6 +65,8 @@ class Progress {
 
   /// @param part  of the work that is done, in [0, 1]   @param detail  what is going on
   void update(double part, const std::string& detail = "");
+  /// Says what is being done from now on.
+  void rename(const std::string& what) { what_ = what; }
   /// Takes the bar off the terminal until the next update.
   void clear();
 
@@ -68,6 +75,8 @@ class Progress {
   std::string what_;
   bool terminal_, drawn_ = false;
   Clock::time_point begin_, last_;
+  double begin_part_ = 0, part_ = 0;
+  Index steps_ = 0;  // since then
 };
 
 /// Flags that several commands have; each command takes those that do something there.
@@ -82,13 +91,22 @@ struct Flags {
 CLI::Validator whole_number(std::int64_t low, std::int64_t high);
 CLI::Validator real_number(double low, double high);
 
+/// An option with one of these values. Its type is named "one|two": words in small letters are
+/// meant as they stand, others are place holders; help says so, and nmp completion reads it.
+CLI::Option* one_of(CLI::Option* option, const std::vector<std::string>& words);
+/// "one|two".
+std::string alternatives(const std::vector<std::string>& words);
+
 void add_json(CLI::App& app, Flags& flags);
 CLI::Option* add_force(CLI::App& app, Flags& flags);
 void add_threads(CLI::App& app);
 void add_seed(CLI::App& app, Flags& flags);
 void add_set(CLI::App& app, Flags& flags);
-/// --split: "val" or "train"; "validation" is taken for the former.
+/// --split: "val" or "train"; "validation" is the former.
 CLI::Option* add_split(CLI::App& app, std::string& split, const char* what);
+
+/// How help is written: no default where a value must be given, and none that is an empty list.
+std::shared_ptr<CLI::FormatterBase> help_format();
 
 /// @param summary   a sentence for the list of commands   @param details  more of them, for its
 /// help

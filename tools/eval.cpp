@@ -1,7 +1,7 @@
 // nmp eval: the error of a model over rollouts, beside that of the physics it replaces.
 //   nmp eval --model cube.safetensors --data data/cube
-//   nmp eval --model cube.safetensors --data data/cube --horizons 100,500 --methods
-//   neural,coarse_physics nmp eval --model cube.safetensors --data data/cube --json > eval.json
+//   nmp eval --model cube.safetensors --data data/cube --horizons 100,500 --methods neural,rest
+//   nmp eval --model cube.safetensors --data data/cube --json > eval.json
 
 #include <memory>
 
@@ -13,7 +13,7 @@ namespace {
 
 struct Options {
   std::string model, data;
-  std::vector<Index> horizons;       // frames; empty: those of 100, 500, 1000 that were recorded
+  std::vector<Index> horizons;       // frames; empty: default_horizons of the recording
   std::vector<std::string> methods;  // empty: all that there are
   std::string split = "val";
   Index trajectories = 0;  // the first so many; 0: all
@@ -25,8 +25,7 @@ void run(const Options& o) {
   const Dataset dataset = Dataset::open(o.data);
   common::Progress progress("eval");
   EvaluateOptions options;
-  options.horizons =
-      o.horizons.empty() ? common::default_horizons(dataset.manifest().frames) : o.horizons;
+  options.horizons = o.horizons;
   options.methods = o.methods;
   options.train_split = o.split == "train";
   options.trajectories = o.trajectories;
@@ -58,9 +57,10 @@ void add_eval(CLI::App& app) {
   const auto o = std::make_shared<Options>();
   eval.add_option("--model", o->model, "File of the model")->type_name("FILE")->required();
   eval.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
-  eval.add_option(
-          "--horizons", o->horizons,
-          "Frames at which errors are told (default: those of 100,500,1000 that were recorded)")
+  eval.add_option("--horizons", o->horizons,
+                  "Frames at which errors are printed (default: 100, 500 and 1000 where they were "
+                  "recorded, and "
+                  "the last)")
       ->type_name("N,N,...")
       ->delimiter(',')
       ->allow_extra_args(false)
@@ -70,7 +70,7 @@ void add_eval(CLI::App& app) {
       ->delimiter(',')
       ->allow_extra_args(false);
   common::add_split(eval, o->split, "Which trajectories");
-  eval.add_option("--trajectories", o->trajectories, "The first so many; 0: all")
+  eval.add_option("--trajectories", o->trajectories, "Only the first N of them; 0: all")
       ->type_name("N")
       ->check(common::whole_number(0, 100'000'000));
   common::add_threads(eval);

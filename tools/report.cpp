@@ -34,7 +34,6 @@ struct Options {
 std::string evaluate_here(const Options& o, Model<float>& model, const Dataset& dataset) {
   common::Progress progress("eval");
   EvaluateOptions options;
-  options.horizons = common::default_horizons(dataset.manifest().frames);
   options.progress = [&](const std::string& method, Index done, Index all) {
     common::stop_if_requested();
     progress.update(static_cast<double>(done) / static_cast<double>(all), method);
@@ -145,18 +144,18 @@ void add_report(CLI::App& app) {
       .add_option("--metrics", o->metrics,
                   "Metrics of nmp train (default: MODEL.metrics.jsonl, if it exists)")
       ->type_name("FILE");
-  report.add_option("--title", o->title, "Title of the page");
+  report.add_option("--title", o->title, "Title of the page (default: nmp: the scene's name)");
   report
       .add_option("--trajectories", o->trajectories,
-                  "Validation trajectories to show in detail, at most (default: 2)")
+                  "Validation trajectories to show in detail, at most")
       ->type_name("N")
-      ->check(CLI::Range(Index{0}, Index{1000}));
+      ->check(common::whole_number(0, 1000));
   report.add_flag("--no-player", o->no_player, "Leave the 3D player out");
   report
       .add_option("--player-megabytes", o->player_megabytes,
-                  "Size of the page up to which the player takes frames (default: 12)")
+                  "Largest size of the page, which limits the frames in it")
       ->type_name("MB")
-      ->check(CLI::Range(0.1, 1000.0));
+      ->check(common::real_number(0.1, 1000));
   common::add_force(report, o->flags);
   common::add_threads(report);
   common::add_json(report, o->flags);

@@ -142,16 +142,25 @@ void check_options(const EvaluateOptions& options, const std::vector<std::string
     throw ConfigError("method '" + method +
                       "' is not available for this model and dataset; these are: " + known);
   }
-  NMP_CHECK(!options.horizons.empty(), "an evaluation needs at least one horizon");
   for (const Index horizon : options.horizons)
     if (horizon < 1 || horizon > frames)
       throw ConfigError(text("horizon ", horizon, " is outside 1 ... ", frames,
-                             ", the frames of the recording; choose others with --horizons"));
+                             ", the frames that all trajectories have; choose others with "
+                             "--horizons"));
 }
 
 }  // namespace
 
-Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateOptions& options) {
+std::vector<Index> default_horizons(Index frames) {
+  std::vector<Index> horizons;
+  for (const Index horizon : {100, 500, 1000})
+    if (horizon < frames) horizons.push_back(horizon);
+  horizons.push_back(frames);
+  return horizons;
+}
+
+Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateOptions& asked) {
+  EvaluateOptions options = asked;
   Bench bench(model, dataset);
   const std::vector<Trajectory>& all = options.train_split ? dataset.train() : dataset.validation();
   if (all.empty())
@@ -162,7 +171,9 @@ Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateO
       options.trajectories > 0
           ? std::min<Index>(options.trajectories, static_cast<Index>(all.size()))
           : static_cast<Index>(all.size()));
-  const Index frames = dataset.manifest().frames;
+  Index frames = all.front().frames();
+  for (std::size_t i = 1; i < n; ++i) frames = std::min(frames, all[i].frames());
+  if (options.horizons.empty()) options.horizons = default_horizons(frames);
   check_options(options, bench.available(), frames);
   const std::vector<std::string> methods =
       options.methods.empty() ? bench.available() : options.methods;

@@ -13,8 +13,11 @@
 
 namespace nmp {
 
+/// The paper's horizons 100, 500 and 1000 that a motion of so many frames has, and its last frame.
+std::vector<Index> default_horizons(Index frames);
+
 struct EvaluateOptions {
-  std::vector<Index> horizons{100, 500, 1000};
+  std::vector<Index> horizons;  // empty: default_horizons of what all trajectories have
   bool train_split = false;  // evaluate on the training trajectories instead
   Index trajectories = 0;    // the first so many; 0 for all
   /// Names of the methods to run, see below; empty for all that the dataset allows.

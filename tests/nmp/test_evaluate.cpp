@@ -301,6 +301,9 @@ TEST_SUITE("nmp/evaluate") {
     for (const Index horizon : {0, -1, 61}) {
       CHECK(contains(error(at({5, horizon})), text("horizon ", horizon, " is outside 1 ... 60")));
     }
-    CHECK_THROWS_AS(evaluate(model, data, at({})), std::invalid_argument);
+    CHECK(evaluate(model, data, at({}, {"rest"})).methods.at("rest").horizons.count(60) == 1);
+    CHECK(default_horizons(60) == std::vector<Index>{60});
+    CHECK(default_horizons(400) == std::vector<Index>{100, 400});
+    CHECK(default_horizons(1000) == std::vector<Index>{100, 500, 1000});
   }
 }
