@@ -17,6 +17,11 @@ using Json = nlohmann::ordered_json;
 // RMSE.
 constexpr double kOverhead = 2000, kOverheadPerMotion = 2000, kOverheadPerFrame = 24;
 
+// Parts of the values that the scales hold. The stresses of an impact, at few vertices for a short
+// time, are many times those of most frames, which would have one colour below them. Of a body that
+// falls or rests nearly always, they are not less than a tenth of those.
+constexpr double kMost = 0.995, kMostStress = 0.95, kLeastStress = 0.1;
+
 // 1, 2 or 5 times a power of ten, at least `value`; `none` for 0.
 double round_up(double value, double none = 1) {
   if (!(value > 0) || !std::isfinite(value)) return none;
@@ -26,11 +31,11 @@ double round_up(double value, double none = 1) {
   return 10 * power;
 }
 
-// The value that 99.5 % of the values do not exceed; 0 if there are none.
-double most_of(std::vector<double>& values) {
+// The value that this part of the values does not exceed; 0 if there are none.
+double most_of(std::vector<double>& values, double part) {
   if (values.empty()) return 0;
   const auto place =
-      values.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(values.size() - 1));
+      values.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), place, values.end());
   return *place;
 }
@@ -66,7 +71,8 @@ Json describe(const PlayerBody& body) {
           {"edges", base64_of_indices(fem::edges_of(body.surface.triangles))},
           {"pinned", body.pinned},
           {"ground", body.ground ? Json(*body.ground) : Json()},
-          {"stress", !body.stress_law.empty()}};
+          {"stress", !body.stress_law.empty()},
+          {"law", body.stress_law}};
 }
 
 // Four digits are enough for a read-out.
@@ -161,10 +167,11 @@ PlayerScales player_scales(const std::vector<PlayerTrack>& tracks) {
   PlayerScales scales;
   error = round_up(error);
   scales.error = {1e-4 * error, error, true};
-  const double far = std::min(1.0, round_up(most_of(det), 0.1));
+  const double far = std::min(1.0, round_up(most_of(det, kMost), 0.1));
   scales.det = {1 - far, 1 + far, false};
-  scales.stress = {0, round_up(most_of(stress)), false};
-  scales.speed = {0, round_up(most_of(speed)), false};
+  const double peak = most_of(stress, kMost);
+  scales.stress = {0, round_up(std::max(most_of(stress, kMostStress), kLeastStress * peak)), false};
+  scales.speed = {0, round_up(most_of(speed, kMost)), false};
   return scales;
 }
 

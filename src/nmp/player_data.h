@@ -62,8 +62,9 @@ struct ByteScale {
 /// A coordinate as 16 bits: low + size q / 65535. Outside the range it is at its ends.
 std::uint16_t encode_coordinate(double x, double low, double size);
 
-/// Errors over four decades below the largest; det F symmetric about 1, stress and speed from 0, as
-/// far as 99.5 % of the values of the tracks' first motions go. Rounded up to steps of 1, 2, 5.
+/// Errors over four decades below the largest; det F symmetric about 1 and speed from 0, as far as
+/// 99.5 % of the values of the tracks' first motions go; stress from 0 as far as 95 % of them go,
+/// and at least a tenth as far as 99.5 % do. Rounded up to steps of 1, 2, 5.
 struct PlayerScales {
   ByteScale error, det, stress, speed;
 };

@@ -16,7 +16,10 @@ constexpr const char* kParts[] = {"player_shaders.js", "player_tools.js",   "pla
                                   "player_scene.js",   "player_picture.js", "player_hands.js",
                                   "player.js"};
 
-std::string ordinal(Index n) { return text(n, n == 2 ? "nd" : n == 3 ? "rd" : "th"); }
+std::string ordinal(Index n) {
+  const Index last = n % 100 >= 11 && n % 100 <= 13 ? 0 : n % 10;
+  return text(n, last == 1 ? "st" : last == 2 ? "nd" : last == 3 ? "rd" : "th");
+}
 
 std::string stored_frames(const PlayerDocument& document) {
   std::set<Index> strides, ends;
@@ -88,8 +91,8 @@ std::string player_script() {
 }
 
 std::string view_page(const std::string& title, const PlayerDocument& document) {
-  return page(title, player_figure(document), player_styles() + page_file("view.css"),
-              {player_script()});
+  return page(title, "<p class=\"about\" data-about></p>\n" + player_figure(document),
+              player_styles() + page_file("view.css"), {player_script()});
 }
 
 }  // namespace nmp::report

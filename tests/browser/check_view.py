@@ -92,6 +92,13 @@ def check_panes(page):
     page.key("o")
     check(len(page.panes("four_overlay")) == 1, "o puts them into one pane")
     check(page.text(".player-name span") == names, "which names them all")
+    drawn = ["net", "hidden", "hidden", "solid"]
+    check(page.text(".player-name em") == drawn, "and says which is solid and which a net")
+    bare = page.panes()
+    page.key("e")
+    check(changed(bare[0], page.panes()[0]) > 0.005, "e adds the edges of the solid one")
+    page.key("e")
+    check(changed(bare[0], page.panes()[0]) < 0.001, "and takes them off")
     browser.run("document.querySelectorAll('.player-name')[1].click()")
     page.settle()
     check(page.state()["chosen"] == 1, "a click on a name shows that one")
@@ -152,6 +159,22 @@ def check_picture(page, folder):
     check(len(base64.b64decode(script.split(",")[1])) > 10000, "a script gets a picture, too")
 
 
+def check_resize(page):
+    """The canvas has the view's size when it is painted, not a frame later: no picture is stretched."""
+    page.window(1400, 900)
+    page.browser.run(
+        "window.ratios = []; const c = document.querySelector('.player-view canvas');"
+        "new ResizeObserver(() => window.ratios.push([c.width / c.clientWidth,"
+        " c.height / c.clientHeight])).observe(document.querySelector('.player-view'))"
+    )
+    for width, height, scale in ((1000, 900, 1), (1300, 640, 2), (390, 844, 2)):
+        page.browser.run("window.ratios = []")
+        page.window(width, height, scale)
+        ratios = page.browser.run("return window.ratios")
+        fits = all(abs(r - scale) < 0.01 for both in ratios for r in both)
+        check(ratios and fits, f"pixels per CSS pixel in a window of {width} x {height}: {ratios}")
+
+
 def check_clocks(page):
     """Motions with different times between frames, of which one ends before the other."""
     page.window(1400, 900)
@@ -172,10 +195,14 @@ def check_clocks(page):
 
 def check_address(browser, path, folder):
     """What a link says is shown: for pictures by chromium --screenshot."""
-    page = Page(browser, path + "#time=0.05&colour=stress&view=overlay&edges=0&track=1", folder)
+    shown = "#time=0.05&colour=stress&view=overlay&edges=0&track=1&motion=2"
+    page = Page(browser, path + shown, folder)
     state = page.state()
     check(abs(state["t"] - 0.05) < 1e-9 and state["channel"] == 2, f"time and colour: {state}")
     check(state["overlay"] and not state["edges"] and state["track"] == 1, f"the view: {state}")
+    check(state["chosen"] == 2, f"the motion that is solid: {state}")
+    about = page.text("[data-about]")
+    check(about[0].startswith("val/001 \u00b7 0.06 s \u00b7 "), f"the line under the title: {about}")
 
 
 def check_phone(page, name, n_panes):
@@ -191,6 +218,15 @@ def check_phone(page, name, n_panes):
         " e.textContent.trim() && e.offsetWidth).map(e => parseFloat(getComputedStyle(e).fontSize))"
     )
     check(min(sizes) >= 12, f"{name}: no text is smaller than 12 px, {min(sizes)}")
+    if n_panes > 1:  # one over the other, names and body apart
+        page.browser.run("[...document.querySelectorAll('.segments button')].at(-1).click()")
+        page.settle()
+        page.keep(f"{name}_phone_overlay")
+        names, pane = page.box(".player-choice"), page.box(".player-pane")
+        check(names[3] <= pane[1] + 1, f"{name}: names do not cover the body, {names} {pane}")
+        check(page.fits(), f"{name}: the names fit on a phone")
+        page.browser.run("[...document.querySelectorAll('.segments button')].at(-2).click()")
+        page.settle()
     # One finger turns, in both directions; two come nearer.
     home = page.state()
     left, top, right, bottom = page.box(".player-view")
@@ -219,6 +255,7 @@ def checks(program, folder):
         page = Page(browser, pages["four"], folder)
         check_panes(page)
         check_picture(page, folder)
+        check_resize(page)
         check_phone(page, "four", 4)
         check_messages(browser, "four panes")
         check_clocks(Page(browser, pages["clocks"], folder))

@@ -154,6 +154,16 @@ TEST_SUITE("nmp/player_data") {
     second.frames[1].stress *= 100;
     CHECK(player_scales({track}).speed.high == doctest::Approx(5));
     CHECK(player_scales({track}).stress.high == doctest::Approx(5e4));
+    // An impact does not dim the stresses of all other frames, nor do those of free flight count.
+    PlayerMotion impact;
+    impact.frames.resize(1);
+    PlayerFrame& hit = impact.frames[0];
+    hit.det = hit.speed = Matrix<double>::Ones(200, 1);
+    hit.stress = Matrix<double>::Constant(200, 1, 900);
+    hit.stress.bottomRows(10).setConstant(5e3);
+    CHECK(player_scales({{"impact", {impact}}}).stress.high == doctest::Approx(1e3));
+    hit.stress.bottomRows(10).setConstant(9e4);
+    CHECK(player_scales({{"impact", {impact}}}).stress.high == doctest::Approx(1e4));
     // A motion that flies away widens its box by at most 1.5 times the first one's extent.
     const PlayerBox before = player_box(second, first);
     second.frames[2].x(3, 0) = 1e6;

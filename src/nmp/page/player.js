@@ -12,11 +12,11 @@ function start(root) {
   source.remove();
   const still = matchMedia('(prefers-reduced-motion: reduce)').matches;
   const state = {track: 0, t: 0, playing: false, speed: 3, channel: 0, overlay: false, chosen: 0,
-    edges: true, loop: !still, hold: 0};
+    edges: true, edges_over: false, loop: !still, hold: 0};  // edges_over: in the overlay, besides the nets
   const camera = {azimuth: 0, elevation: 0, distance: 1, target: [0, 0, 0]};
   const stats = {draws: 0, script_ms: 0, load_ms: 0};
   const bodies = doc.bodies.map(read_body);
-  let motions = [], clock = [0], end = 0, home = null, theme = null, labels = [], before = 0, requested = false;
+  let motions = [], clock = [0], end = 0, home = null, theme = null, labels = [], head = 0, before = 0, requested = false;
 
   // 1. Elements.
   const view = make('div', root, {'class': 'player-view', tabindex: '0', role: 'application',
@@ -45,7 +45,7 @@ function start(root) {
     : choice(settings, 'trajectory', doc.tracks.map(t => t.name.replace(/\.safetensors$/, '')), choose_track);
   const colour_buttons = segments(settings, 'colour', NAMES, choose_channel);
   const view_buttons = segments(settings, 'view', ['side by side', 'overlay'], i => choose_overlay(i === 1));
-  const edge_box = checkbox(settings, 'edges', state.edges, on => { state.edges = on; request(); });
+  const edge_box = checkbox(settings, 'edges', state.edges, choose_edges);
   const loop_box = checkbox(settings, 'loop', state.loop, on => { state.loop = on; });
   const speed_box = choice(settings, 'play at', SPEEDS.map(s => s[1]), i => { state.speed = i; });
   const ends = make('span', settings, {'class': 'end'});
@@ -77,29 +77,41 @@ function start(root) {
   // The panes as parts of the view; motions that are drawn solid and as nets of edges.
   function layout() {
     const all = motions.map((_, i) => i);
-    if (state.overlay) return [{x: 0, y: 0, w: 1, h: 1, solid: state.chosen, nets: state.chosen ? [0] : all.slice(1)}];
+    if (state.overlay) return [{x: 0, y: head, w: 1, h: 1 - head, solid: state.chosen, nets: state.chosen ? [0] : all.slice(1)}];
     const columns = columns_of(all.length, view.clientWidth, view.clientHeight), rows = Math.ceil(all.length / columns);
     return all.map(i => ({x: i % columns / columns, y: Math.floor(i / columns) / rows, w: 1 / columns, h: 1 / rows, solid: i, nets: []}));
   }
   function show_panes() {  // boxes with the motions' names
     panes.textContent = '';
     labels = [];
+    head = 0;
+    if (state.overlay) show_choice();
     for (const pane of layout()) {
       const box = make('div', panes, {'class': 'player-pane', style:
         `left:${100 * pane.x}%;top:${100 * pane.y}%;width:${100 * pane.w}%;height:${100 * pane.h}%`});
       if (pane.x + pane.w < 0.999) box.classList.add('beside');
       if (pane.y + pane.h < 0.999) box.classList.add('above');
-      for (const i of state.overlay ? motions.map((_, k) => k) : [pane.solid]) {
-        const name = make(state.overlay ? 'button' : 'div', box, {'class': 'player-name'});
-        if (several()) make('i', name, {style: `background:var(--${i ? 'c' + i % 8 : 'edge'})`});
-        make('span', name, {}, motions[i].label);
-        labels[i] = make('small', name);
-        if (!state.overlay) continue;
-        name.type = 'button';
-        name.setAttribute('aria-pressed', i === state.chosen ? 'true' : 'false');
-        name.addEventListener('click', () => choose(i));
-      }
+      if (!state.overlay) show_name(box, 'div', pane.solid, several() ? 'solid' : '');
     }
+  }
+  function show_name(box, tag, i, drawn) {
+    const name = make(tag, box, {'class': 'player-name'});
+    if (drawn) make('i', name, {'class': drawn, style: `--own:var(--${i ? 'c' + i % 8 : 'reference'})`});
+    make('span', name, {}, motions[i].label);
+    if (state.overlay) { make('br', name); make('em', name, {}, drawn); }
+    labels[i] = make('small', name);
+    return name;
+  }
+  function show_choice() {  // the names in the overlay: which one is solid, which ones are nets
+    const box = make('div', panes, {'class': 'player-choice'}), [{solid, nets}] = layout();
+    motions.forEach((_, i) => {
+      const name = show_name(box, 'button', i, i === solid ? 'solid' : nets.includes(i) ? 'net' : 'hidden');
+      name.type = 'button';
+      name.setAttribute('aria-pressed', i === solid ? 'true' : 'false');
+      name.addEventListener('click', () => choose(i));
+    });
+    // On a phone they would cover the body, which is drawn below them there.
+    if (matchMedia('(max-width:640px)').matches) head = Math.min(0.5, (box.offsetTop + box.offsetHeight) / view.clientHeight);
   }
   function note_of(i, at) {  // what is said below a motion's name
     const m = motions[i];
@@ -151,11 +163,17 @@ function start(root) {
     }
     press(colour_buttons, state.channel);
     press(view_buttons, state.overlay ? 1 : 0);
+    edge_box.checked = edges_shown();
   }
   function show_place() {
     grid_value.textContent = short(home.spacing) + ' m';
     grid_value.parentNode.hidden = motions.every(m => m.body.ground === null);
     pins.hidden = motions.every(m => m.body.pinned.length === 0);
+  }
+  function show_about() {  // under the title of a page that is a player
+    const line = document.querySelector('[data-about]'), law = motions[0].body.law;
+    const name = doc.tracks[state.track].name.replace(/\.safetensors$/, '');
+    if (line) line.textContent = [name, short(end) + ' s', law && 'stresses: ' + law].filter(Boolean).join(' \u00b7 ');
   }
   function show_play() {
     play.innerHTML = state.playing ? PAUSE : PLAY;
@@ -168,7 +186,7 @@ function start(root) {
     const width = Math.round(view.clientWidth * ratio), height = Math.round(view.clientHeight * ratio);
     if (!width || !height || !scene.ready()) return;
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
-    scene.draw({camera, theme, home, ratio, channel: state.channel, edges: state.edges,
+    scene.draw({camera, theme, home, ratio, channel: state.channel, edges: edges_shown(),
       at: motions.map(m => moment(m, state.t)), panes: layout()});
     ++stats.draws;
     stats.script_ms += performance.now() - begin;
@@ -179,7 +197,7 @@ function start(root) {
     return compose_picture(canvas, {theme, ratio: Math.min(2, window.devicePixelRatio || 1), scale: legend(),
       time: 't = ' + seconds(state.t, end), panes: layout().map(pane => Object.assign(pane,
         {title: motions[pane.solid].label, note: [note_of(pane.solid, at[pane.solid])].concat(
-          pane.nets.map(i => 'edges: ' + motions[i].label)).filter(Boolean).join('; ')}))});
+          pane.nets.map(i => 'net: ' + motions[i].label)).filter(Boolean).join('; ')}))});
   }
   function save_picture() {
     picture().toBlob(blob => {
@@ -247,6 +265,11 @@ function start(root) {
     rearrange();
   }
   function choose(i) { state.chosen = i; rearrange(); }
+  function edges_shown() { return state.overlay ? state.edges_over : state.edges; }
+  function choose_edges(on) {
+    state[state.overlay ? 'edges_over' : 'edges'] = edge_box.checked = on;
+    request();
+  }
   function choose_speed(i) { speed_box.value = state.speed = Math.min(SPEEDS.length - 1, Math.max(0, i)); }
   function rearrange() { show_panes(); show_numbers(); show_scale(); fit(false); request(); }
   function toggle_help() {
@@ -282,18 +305,23 @@ function start(root) {
     colour_buttons.forEach((b, k) => { b.disabled = !available(k); });
     view_buttons[0].parentNode.hidden = !several();
     show_place();
+    show_about();
     rearrange();
     reset();
     seek(state.t);
   }
-  // #time=0.05&colour=stress&view=overlay&track=1&edges=0, for links and pictures from a script.
+  // #time=0.05&colour=stress&view=overlay&track=1&motion=2&edges=0, for links and pictures from a script.
   function obey_address() {
     const wish = new URLSearchParams(location.hash.slice(1));
     if (doc.tracks[+wish.get('track')] && +wish.get('track') !== state.track) choose_track(+wish.get('track'));
     const channel = CHANNELS.indexOf(wish.get('colour'));
     if (channel >= 0) choose_channel(channel);
     if (wish.has('view')) choose_overlay(wish.get('view') === 'overlay');
-    if (wish.has('edges')) edge_box.checked = state.edges = wish.get('edges') !== '0';
+    if (wish.has('motion') && motions[+wish.get('motion')]) choose(+wish.get('motion'));
+    if (wish.has('edges')) {
+      state.edges = state.edges_over = wish.get('edges') !== '0';
+      choose_edges(state.edges);
+    }
     if (wish.has('time')) seek(+wish.get('time') || 0);
     request();
   }
@@ -323,7 +351,7 @@ function start(root) {
     ArrowRight: event => step(event.shiftKey ? 10 : 1), ArrowLeft: event => step(event.shiftKey ? -10 : -1),
     Home: () => seek(0), End: () => seek(end),
     o: () => choose_overlay(!state.overlay), n: () => choose((state.chosen + 1) % motions.length),
-    e: () => { edge_box.checked = state.edges = !state.edges; request(); },
+    e: () => choose_edges(!edges_shown()),
     l: () => { loop_box.checked = state.loop = !state.loop; },
     '+': () => choose_speed(state.speed + 1), '-': () => choose_speed(state.speed - 1),
     r: reset, s: save_picture, '?': toggle_help, Escape: () => help.hidden ? false : toggle_help()
@@ -338,7 +366,7 @@ function start(root) {
   canvas.addEventListener('webglcontextlost', event => { event.preventDefault(); scene.forget(); });
   canvas.addEventListener('webglcontextrestored', begin_drawing);
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { theme = theme_of(root); request(); });
-  new ResizeObserver(rearrange).observe(view);
+  new ResizeObserver(() => { rearrange(); render(); }).observe(view);  // drawn before it is stretched
   window.addEventListener('hashchange', obey_address);
 
   theme = theme_of(root);

@@ -42,7 +42,7 @@ function listen_to_pointer(view, except, act) {
 // What the help says: [keys, what they do].
 const KEYS = [['Space', 'play, pause'], ['\u2190 \u2192', 'one stored frame; with Shift ten'],
   ['Home End', 'first, last frame'], ['1 \u2026 5', 'colour: error, det F, stress, speed, plain'],
-  ['o', 'overlay: one over the other'], ['n', 'in the overlay: the next one'], ['e', 'edges'], ['l', 'loop'],
+  ['o', 'overlay: one over the other'], ['n', 'in the overlay: the next one'], ['e', 'edges; in the overlay, those of the solid one'], ['l', 'loop'],
   ['+ \u2212', 'faster, slower'], ['r', 'reset the view'], ['s', 'save a picture'], ['?', 'these keys']];
 
 // act: a function for each key, given the event; one that returns false leaves the key alone.

@@ -11,7 +11,8 @@ function read_body(json) {
     edges: new Uint32Array(bytes_of(json.edges).buffer),
     pinned: new Uint32Array(json.pinned),
     ground: json.ground,
-    stress: json.stress
+    stress: json.stress,
+    law: json.law
   };
 }
 

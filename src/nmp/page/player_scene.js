@@ -11,7 +11,7 @@ function theme_of(root) {
     return getComputedStyle(probe).color.match(/[\d.]+/g).slice(0, 3).map(c => c / 255);
   };
   const theme = {shadow: +style.getPropertyValue('--shade-alpha'), own: []};
-  for (const name of ['body', 'edge', 'floor', 'pin', 'card', 'ink', 'soft']) theme[name] = colour('--' + name);
+  for (const name of ['body', 'reference', 'floor', 'pin', 'card', 'ink', 'soft']) theme[name] = colour('--' + name);
   for (let i = 0; i < 8; ++i) theme.own.push(colour('--c' + i));
   probe.remove();
   return theme;
@@ -107,15 +107,27 @@ function make_scene(canvas) {
   }
   function draw_plain(what, at, frame, kind, part, colour, alpha, bias) {
     use(gpu.plain, what, at, frame);
+    gl.uniform1i(gpu.plain.at.contrast, 0);
     gl.uniform1f(gpu.plain.at.bias, bias);
     gl.uniform1i(gpu.plain.at.round, kind === gl.POINTS ? 1 : 0);
     gl.uniform1f(gpu.plain.at.point_size, frame.point_size);
     gl.uniform4f(gpu.plain.at.plain, ...colour, alpha);
     elements(kind, part);
   }
-  function draw_edges(what, at, frame, colour, alpha) {  // paler where they would cover the body
-    const pixels = what.edge * frame.pixels_per_metre;
-    draw_plain(what, at, frame, gl.LINES, what.shape.edges, colour, alpha * Math.min(1, Math.max(0.12, pixels / 14)), 2e-4);
+  function density(what, frame) {  // of its edges: they are paler where they would cover the body
+    return Math.min(1, Math.max(0.12, what.edge * frame.pixels_per_metre / 14));
+  }
+  function draw_edges(which, at, frame) {  // dark on light colours, light on dark ones
+    const what = gpu.motions[which];
+    paint(gpu.plain, which, at, frame, 0.32 * density(what, frame));
+    gl.uniform1i(gpu.plain.at.contrast, 1);
+    gl.uniform1i(gpu.plain.at.round, 0);
+    gl.uniform1f(gpu.plain.at.bias, 2e-4);
+    elements(gl.LINES, what.shape.edges);
+  }
+  function draw_net(which, at, frame) {
+    const what = gpu.motions[which], colour = which ? frame.theme.own[which % 8] : frame.theme.reference;
+    draw_plain(what, at, frame, gl.LINES, what.shape.edges, colour, 0.8 * Math.sqrt(density(what, frame)), 3e-4);
   }
   function draw_shadow(what, at, frame) {  // each pixel once
     gl.enable(gl.STENCIL_TEST);
@@ -123,6 +135,7 @@ function make_scene(canvas) {
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
     gl.depthMask(false);
     use(gpu.plain, what, at, frame);
+    gl.uniform1i(gpu.plain.at.contrast, 0);
     gl.uniform1i(gpu.plain.at.flat_on_floor, 1);
     gl.uniform1i(gpu.plain.at.round, 0);
     gl.uniform4f(gpu.plain.at.plain, 0, 0, 0, frame.theme.shadow);
@@ -145,15 +158,18 @@ function make_scene(canvas) {
     gl.depthMask(true);
     gl.bindVertexArray(null);
   }
-  function draw_body(which, at, frame) {
+  function paint(p, which, at, frame, alpha) {  // with the colours of the channel
     const what = gpu.motions[which], name = CHANNELS[frame.channel], own = frame.theme.own[which % 8];
     const coloured = name === 'error' ? what.motion.rmse[at.near] !== null && !at.ended
       : name === 'stress' ? what.motion.body.stress : name !== 'plain';
-    use(gpu.body, what, at, frame);
-    gl.uniform1i(gpu.body.at.coloured, coloured ? 1 : 0);
-    gl.uniform4f(gpu.body.at.plain, ...frame.theme.body.map((c, i) => name === 'plain' && which ? 0.35 * c + 0.65 * own[i] : c), 1);
+    use(p, what, at, frame);
+    gl.uniform1i(p.at.coloured, coloured ? 1 : 0);
+    gl.uniform4f(p.at.plain, ...frame.theme.body.map((c, i) => name === 'plain' && which ? 0.35 * c + 0.65 * own[i] : c), alpha);
     gl.bindTexture(gl.TEXTURE_2D, gpu.maps[coloured ? name : 'det']);
-    elements(gl.TRIANGLES, what.shape.triangles);
+  }
+  function draw_body(which, at, frame) {
+    paint(gpu.body, which, at, frame, 1);
+    elements(gl.TRIANGLES, gpu.motions[which].shape.triangles);
   }
 
   // -- a picture
@@ -180,13 +196,11 @@ function make_scene(canvas) {
       point_at(what, at);
       if (body.ground !== null) draw_shadow(what, at, frame);
       draw_body(pane.solid, at, frame);
-      // The map of det F is bright in the middle, in the dark too.
-      const dark = CHANNELS[frame.channel] === 'det';
-      if (frame.edges && !pane.nets.length) draw_edges(what, at, frame, dark ? [0, 0, 0] : frame.theme.edge, 0.3);
+      if (frame.edges) draw_edges(pane.solid, at, frame);
       if (what.shape.pinned.count) draw_plain(what, at, frame, gl.POINTS, what.shape.pinned, frame.theme.pin, 1, 6e-4);
       for (const i of pane.nets) {
         point_at(gpu.motions[i], frame.at[i]);
-        draw_edges(gpu.motions[i], frame.at[i], frame, i === 0 ? frame.theme.edge : frame.theme.own[i % 8], 0.55);
+        draw_net(i, frame.at[i], frame);
       }
     }
   }

@@ -52,17 +52,22 @@ void main() {
   colour = vec4(base * light + gloss, 1.0);
 }`;
 
+// One colour: of a dot, with a ring; of a shadow, a net; or the body's, of which its edges are the contrast.
 const PLAIN = `#version 300 es
 precision highp float;
 in vec3 eye, normal;
 in float value;
+uniform sampler2D colours;
 uniform vec4 plain;
-uniform bool round;  // a dot with a ring
+uniform bool round, coloured, contrast;
 out vec4 colour;
 void main() {
   float r = round ? length(gl_PointCoord - 0.5) : 0.0;
   if (r > 0.5) discard;
   colour = r > 0.34 ? vec4(1.0) : plain;
+  if (!contrast) return;
+  vec3 base = coloured ? texture(colours, vec2((0.5 + 255.0 * value) / 256.0, 0.5)).rgb : plain.rgb;
+  colour.rgb = vec3(dot(base, vec3(0.30, 0.59, 0.11)) < 0.38 ? 1.0 : 0.0);
 }`;
 
 const FLOOR_VERTEX = `#version 300 es

@@ -30,8 +30,10 @@ function bytes_of(base64) {
   return bytes;
 }
 
+// One after another for any colour vision. Of errors the least is a middle tone, not a dark one: all
+// of them begin without any, and a body without errors should be seen. Lightness rises evenly.
 const RAMPS = {
-  error: ['#3b1c6e', '#3e4989', '#31688e', '#26828e', '#1f9e89', '#35b779', '#6ece58', '#b5de2b', '#fde725'],
+  error: ['#7b96dc', '#5aa3de', '#40afd9', '#38bcce', '#45c5bd', '#5dd5a5', '#86e384', '#bbed62', '#fbef45'],
   det: ['#1b5aa6', '#4393c3', '#92c5de', '#d1e5f0', '#f5f5f3', '#fddbc7', '#f4a582', '#d6604d', '#a81529'],
   stress: ['#d3dce6', '#b3cfdb', '#9fd0bd', '#c8da86', '#f2d158', '#f6a53b', '#ea6b2b', '#c93423', '#8e1420'],
   speed: ['#2a0a8f', '#6300a7', '#9410a2', '#bd3786', '#dd5e66', '#f48849', '#fdb42f', '#f0f042']
@@ -74,6 +76,7 @@ function look(camera) {
 function columns_of(n, width, height) {
   let best = 1, largest = 0;
   for (let c = 1; c <= n; ++c) {
+    if (n === 3 && c === 2) continue;  // a quarter would be empty
     const size = Math.min(width / c, 1.2 * height / Math.ceil(n / c));
     if (size > largest * (1 + 1e-9)) { best = c; largest = size; }
   }
