@@ -44,13 +44,16 @@ void Arena::add_block(std::size_t at_least) {
   blocks_.push_back(std::move(block));
 }
 
-void Arena::reset() {
+void Arena::reset() noexcept {
   // One block from now on, so that rounds of the same size never search or allocate.
   if (blocks_.size() > 1) {
     std::size_t total = 0;
     for (const Block& block : blocks_) total += block.size;
     blocks_.clear();
-    add_block(total);
+    try {
+      add_block(total);
+    } catch (const std::bad_alloc&) {
+    }
   }
   block_ = offset_ = used_ = 0;
 }
@@ -255,10 +258,15 @@ std::string Tape<Real>::name_of(const Node& n) const {
 }
 
 template <class Real>
-void Tape<Real>::clear() {
+void Tape<Real>::destroy_closures() noexcept {
   for (Node& n : nodes_)
     if (n.destroy) n.destroy(n.closure);
   nodes_.clear();
+}
+
+template <class Real>
+void Tape<Real>::clear() {
+  destroy_closures();
   parameters_.clear();
   remembered_.clear();
   keeper_ = nullptr;

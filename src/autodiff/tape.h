@@ -63,7 +63,8 @@ class Arena {
 
   /// 64-byte aligned, uninitialised (NaN bytes in debug builds).
   void* allocate(std::size_t bytes);
-  void reset();
+  /// Where memory is short it gives back what it has; allocate() then says so.
+  void reset() noexcept;
   std::size_t used() const { return used_; }
   /// Most bytes in use at any time since construction.
   std::size_t peak() const { return peak_; }
@@ -98,7 +99,7 @@ class Tape {
  public:
   enum class Mode { record, inference };
   explicit Tape(Mode mode = Mode::record) : mode_(mode) {}
-  ~Tape() { clear(); }
+  ~Tape() { destroy_closures(); }
   Tape(const Tape&) = delete;
   Tape& operator=(const Tape&) = delete;
 
@@ -241,6 +242,7 @@ class Tape {
   std::string name_of(const Node& n) const;
 
   Mode mode_;
+  void destroy_closures() noexcept;
   Arena arena_;
   std::vector<Node> nodes_;
   std::vector<std::shared_ptr<typename Parameter<Real>::Data>> parameters_;

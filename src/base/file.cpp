@@ -151,7 +151,7 @@ std::string read_text(const Path& path, std::size_t limit) {
   check_size(size);
   std::string content;
   content.reserve(static_cast<std::size_t>(size));
-  std::array<char, 65536> buffer;
+  std::array<char, 8192> buffer;  // threads of hosts may have little stack
   // Read to the end, not to `size`: the file may change under us.
   for (;;) {
     const ssize_t n =

@@ -1,18 +1,29 @@
 #include "base/parallel.h"
 
 #include <omp.h>
+#include <pthread.h>
 
 #include <algorithm>
 #include <atomic>
 #include <exception>
+#include <future>
+#include <limits>
 #include <mutex>
+#include <optional>
+#include <system_error>
+#include <thread>
+#include <vector>
 
 #include "base/check.h"
+#include "base/float_environment.h"
 
 namespace nmp {
 namespace {
 
 std::atomic<int> wanted_threads{0};  // 0: the OpenMP default
+
+// In a child of fork() a team of the parent's is waited for in vain.
+std::atomic<bool> forked{false};
 
 thread_local bool inside_chunk = false;
 
@@ -46,6 +57,36 @@ class FirstFailure {
   std::ptrdiff_t range_ = 0;
   std::exception_ptr error_;
 };
+
+// How many threads of a team can be had: OpenMP ends the process if it cannot start one.
+int startable(int team) {
+  thread_local int started = 1, most = std::numeric_limits<int>::max();  // of this thread's teams
+  team = std::min(team, most);
+  if (team <= started) return team;
+  std::vector<std::thread> others;
+  std::promise<void> all_there;
+  const std::shared_future<void> wait = all_there.get_future().share();
+  int n = 1;
+  try {
+    others.reserve(static_cast<std::size_t>(team - 1));
+    for (; n < team; ++n) others.emplace_back([wait] { wait.wait(); });
+  } catch (const std::system_error&) {
+  } catch (const std::bad_alloc&) {
+  }
+  all_there.set_value();
+  for (std::thread& other : others) other.join();
+  if (n < team) most = std::max(1, n / 2);  // room for more than stacks
+  return started = std::min(n, most);
+}
+
+int team_for(std::ptrdiff_t n_ranges) {
+  static const bool watched = [] {
+    return pthread_atfork(nullptr, nullptr, [] { forked = true; }) == 0;
+  }();
+  const int team = static_cast<int>(std::min<std::ptrdiff_t>(threads(), n_ranges));
+  if (team == 1 || inside_chunk || omp_in_parallel() || forked || !watched) return 1;
+  return startable(team);
+}
 
 }  // namespace
 
@@ -83,12 +124,18 @@ void run_chunks(std::ptrdiff_t n, std::ptrdiff_t chunk, void* body, ChunkFunctio
     }
   };
 
-  const int team = static_cast<int>(std::min<std::ptrdiff_t>(threads(), n_ranges));
-  if (team == 1 || inside_chunk || omp_in_parallel()) {
+  const int team = team_for(n_ranges);
+  if (team == 1) {
     for (std::ptrdiff_t range = 0; range < n_ranges; ++range) run_range(range);
   } else {
+    // Threads of a team keep the environment that they were started with.
+    const bool plain = has_float_environment();
 #pragma omp parallel for schedule(dynamic) num_threads(team)
-    for (std::ptrdiff_t range = 0; range < n_ranges; ++range) run_range(range);
+    for (std::ptrdiff_t range = 0; range < n_ranges; ++range) {
+      std::optional<FloatEnvironment> environment;
+      if (plain && !has_float_environment()) environment.emplace();
+      run_range(range);
+    }
   }
   failure.rethrow();
 }

@@ -14,6 +14,7 @@ template <class Call>
 void call_host(const char* name, const Call& call) {
   int result = 0;
   try {
+    const FloatEnvironment::Suspended hosts;
     result = call();
   } catch (const std::exception& error) {
     throw CallbackError(text(name, " threw: ", error.what()));
@@ -24,7 +25,8 @@ void call_host(const char* name, const Call& call) {
 }
 
 template <class Real>
-void add(Var<Real> input, const Rows& bar) {
+void add(Var<Real> input, const Rows& bar, const char* name) {
+  if (!bar.allFinite()) throw CallbackError(text(name, " has left a number that is not finite"));
   if (input.needs_grad()) input.bar() += from_rows<Real>(bar);
 }
 
@@ -48,7 +50,7 @@ Var<Real> CallbackLaw<Real>::stress(Var<Real> F) const {
         call_host("stress_vjp", [&] {
           return desc.stress_vjp(desc.stress_user, n, F_again.data(), P_bar.data(), F_bar.data());
         });
-        add(F, F_bar);
+        add(F, F_bar, "stress_vjp: F_bar");
       });
 }
 
@@ -79,9 +81,9 @@ Var<Real> CallbackIntegrator<Real>::dv(const fem::StepContext<Real>& context, Va
                                      f_again.data(), dv_bar.data(), x_bar.data(), v_bar.data(),
                                      f_bar.data());
         });
-        add(x, x_bar);
-        add(v, v_bar);
-        add(f, f_bar);
+        add(x, x_bar, "integrator_vjp: x_bar");
+        add(v, v_bar, "integrator_vjp: v_bar");
+        add(f, f_bar, "integrator_vjp: f_bar");
       });
 }
 

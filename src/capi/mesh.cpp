@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <numeric>
+#include <utility>
 
 #include "capi/handles.h"
 #include "capi/rows.h"
@@ -44,13 +46,14 @@ nmp_status nmp_mesh_load(const char* path, const nmp_mesh_options* options, nmp_
       throw std::invalid_argument(text("options->scale must be > 0 and finite, got ", o.scale));
     fem::RawMesh raw = fem::read_mesh(path);
     fem::turn_and_scale(raw.vertices, o.scale, o.y_up != 0);
-    const fem::RepairedMesh repaired = fem::repair(raw, printable(path));
+    fem::RepairedMesh repaired = fem::repair(raw, printable(path));
     Mesh made(fem::TetMesh<double>(repaired.mesh.vertices, repaired.mesh.tets));
     const auto report = [&](const std::vector<std::string>& lines) {
       for (const std::string& line : lines) made.report += line + "\n";
     };
     report(raw.notes);
     report(repaired.warnings);
+    made.file_vertices = std::move(repaired.given_vertices);
     *mesh = add_handle(std::make_shared<const Mesh>(std::move(made)));
   });
 }
@@ -115,6 +118,18 @@ nmp_status nmp_mesh_triangles(const nmp_mesh* mesh, int32_t* corners, size_t n) 
 nmp_status nmp_mesh_vertex_volumes(const nmp_mesh* mesh, double* volumes, size_t n) {
   return guarded(__func__, [&] {
     copy_rows(find(mesh)->double_precision.vertex_volumes(), volumes, n, "volumes");
+  });
+}
+
+nmp_status nmp_mesh_file_vertices(const nmp_mesh* mesh, int32_t* vertices, size_t n) {
+  return guarded(__func__, [&] {
+    const auto m = find(mesh);
+    const auto n_vertices = static_cast<size_t>(m->double_precision.n_vertices());
+    need_buffer(vertices, n, n_vertices, "vertices");
+    if (m->file_vertices.empty())
+      std::iota(vertices, vertices + n, 0);
+    else
+      std::copy(m->file_vertices.begin(), m->file_vertices.end(), vertices);
   });
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <string>
+#include <vector>
 
 #include "fem/surface.h"
 #include "fem/tet_mesh.h"
@@ -21,6 +23,7 @@ struct Mesh {
   fem::TetMesh<float> single_precision;
   fem::Triangles triangles;
   std::string report;
+  std::vector<std::int32_t> file_vertices;  // that its vertices are there; empty: the same numbers
 };
 
 template <>

@@ -5,6 +5,7 @@
 
 #include "base/file.h"
 #include "capi/handles.h"
+#include "capi/rows.h"
 
 namespace nmp::capi {
 
@@ -53,7 +54,7 @@ Model<Real> ModelFile::make() const {
   for (ad::Parameter<Real>* p : model.parameters()) {
     Matrix<Real>& value = p->mutable_value();
     for (Index i = 0; i < value.rows(); ++i)
-      for (Index j = 0; j < value.cols(); ++j) value(i, j) = static_cast<Real>(weights_[k++]);
+      for (Index j = 0; j < value.cols(); ++j) value(i, j) = to_real<Real>(weights_[k++]);
     p->set_frozen(true);
   }
   return model;

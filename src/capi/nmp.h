@@ -15,6 +15,8 @@
  *    of 3 x 3 matrices the rows of item 0, then of item 1. `n` is the number of doubles or ints in
  *    the buffer, and must be the one that is wanted.
  *  - Handles are not addresses: one that was freed, never made or of another kind is an error.
+ *  - Results do not depend on the host's rounding mode, traps or flushing of subnormal numbers, and
+ * a call leaves them as they were. A thread cannot be cancelled inside a call.
  *  - Meshes and models never change: any number of threads and simulations share them, and they may
  *    be freed while simulations use them. A simulation serves one thread at a time; a call while
  *    another one is under way is an error.
@@ -70,7 +72,8 @@ NMP_API const char* nmp_last_error(void);
 NMP_API uint32_t nmp_version(void);
 NMP_API const char* nmp_version_string(void);
 /* Threads that a call may use, in this process; 0: as many as the machine has. Results have the
- * same bits for any number. */
+ * same bits for any number. Every thread of a host has a team of its own: where many simulations
+ * step at the same time, 1 is best. A child of fork() goes on with 1. */
 NMP_API nmp_status nmp_set_threads(int32_t n);
 
 /* -- meshes ------------------------------------------------------ */
@@ -106,6 +109,9 @@ NMP_API nmp_status nmp_mesh_tets(const nmp_mesh* mesh, int32_t* corners, size_t 
 NMP_API nmp_status nmp_mesh_triangles(const nmp_mesh* mesh, int32_t* corners, size_t n);
 /* A vertex's part of the volume, n = n_vertices [m3]: its mass is the density times it. */
 NMP_API nmp_status nmp_mesh_vertex_volumes(const nmp_mesh* mesh, double* volumes, size_t n);
+/* The vertex of the file, from 0, that each vertex is, n = n_vertices: loading drops those that
+ * belong to no tetrahedron. Of nmp_mesh_from_arrays the same numbers. */
+NMP_API nmp_status nmp_mesh_file_vertices(const nmp_mesh* mesh, int32_t* vertices, size_t n);
 /* What loading found and did about it, one line each. `*size` is set to the bytes of the text with
  * its final 0; they are written if capacity is at least that, nothing otherwise. */
 NMP_API nmp_status nmp_mesh_report(const nmp_mesh* mesh, char* text, size_t capacity, size_t* size);
@@ -118,7 +124,7 @@ typedef struct nmp_model nmp_model;
 NMP_API nmp_status nmp_model_load(const char* path, nmp_model** model);
 /* The same from its bytes, which are copied. */
 NMP_API nmp_status nmp_model_load_memory(const void* data, size_t size, nmp_model** model);
-/* An existing file is replaced. */
+/* In single precision; an existing file is replaced. */
 NMP_API nmp_status nmp_model_save(const nmp_model* model, const char* path);
 NMP_API nmp_status nmp_model_free(nmp_model* model);
 
@@ -157,7 +163,8 @@ typedef enum nmp_integrator NMP_INT_ENUM {
 /* Stress laws and integrators of your own. They are called by the thread that steps, for the whole
  * body at once, and return 0 if all is well. They must not use the simulation that calls them, and
  * be functions of their inputs alone: gradients run each step again, and fields, states and
- * velocities may ask once more. The _vjp of each is its reverse: it is given the inputs again and
+ * velocities may ask once more. They end by returning: a thread that is ended or jumps out of one
+ * leaves the simulation locked. The _vjp of each is its reverse: it is given the inputs again and
  * dL/d(output), and fills dL/d(input). It may be NULL if no gradients are asked for. */
 /* F, P: 9 n.  P = P(F), first Piola-Kirchhoff stress [Pa]. */
 typedef int (*nmp_stress_fn)(void* user, size_t n, const double* F, double* P);
@@ -193,9 +200,9 @@ typedef struct nmp_sim_desc {
   double wind[3];    /* [m/s]; 0 */
   /* Both modules' world. */
   int32_t has_ground; /* not 0: a level ground; 0 */
-  double ground;      /* at this height z [m], below the body; 0 */
-  double friction;    /* Coulomb's, of the ground; 0 */
-  int32_t strict;     /* not 0: an element that is inside out is an error; 0 */
+  double ground; /* at this height z [m]; a body must not begin a twentieth of its size below; 0 */
+  double friction; /* Coulomb's, of the ground; 0 */
+  int32_t strict;  /* not 0: an element that is inside out is an error; 0 */
   nmp_stress_fn stress_callback;
   nmp_stress_vjp_fn stress_vjp;
   void* stress_user;
@@ -220,7 +227,9 @@ NMP_API nmp_status nmp_sim_step_size(const nmp_sim* sim, double* h, int32_t* sub
 /* Positions and velocities, n = 3 n_vertices; one of them may be NULL. Velocities of a learned
  * integrator stand at the time of the positions. */
 NMP_API nmp_status nmp_sim_get_state(nmp_sim* sim, double* x, double* v, size_t n);
-/* NULL leaves that one as it is. */
+/* NULL leaves that one as it is. Velocities are understood as nmp_sim_get_state tells them, under
+ * the external forces that are set: set these first. Pinned vertices go back to where they are
+ * held. */
 NMP_API nmp_status nmp_sim_set_state(nmp_sim* sim, const double* x, const double* v, size_t n);
 
 /* Holds these vertices where they are now, and no others; n = 0 lets all go. */
@@ -250,7 +259,8 @@ typedef enum nmp_field NMP_INT_ENUM {
 NMP_API nmp_status nmp_sim_get_field(nmp_sim* sim, nmp_field field, double* values, size_t n);
 
 /* All that the next steps depend on but what nmp_sim_create was given, as bytes: a simulation of
- * the same mesh and description goes on from them with the same bits. */
+ * the same mesh and description goes on from them with the same bits. One of another mesh,
+ * precision, h, substeps or stagger refuses them. */
 NMP_API nmp_status nmp_sim_save_size(const nmp_sim* sim, size_t* size);
 NMP_API nmp_status nmp_sim_save(const nmp_sim* sim, void* data, size_t size);
 NMP_API nmp_status nmp_sim_load(nmp_sim* sim, const void* data, size_t size);
@@ -268,8 +278,8 @@ NMP_API nmp_status nmp_sim_load(nmp_sim* sim, const void* data, size_t size);
  *   nmp_grad_get(sim, NMP_GRAD_V0, 0, dL_dv0, n);
  *   nmp_grad_end(sim);
  *
- * Memory: a few states per step. nmp_sim_set_state, _set_pins, _set_planes and _load are not
- * possible in between; pins may move and forces may change. */
+ * Memory: a few states per step, and for a learned law 0.1 MB. nmp_sim_set_state, _set_pins,
+ * _set_planes and _load are not possible in between; pins may move and forces may change. */
 enum {
   NMP_WITH_FORCES = 1,   /* gradients in the external forces, too */
   NMP_WITH_MATERIAL = 2, /* in the numbers of nmp_material */
@@ -290,7 +300,8 @@ typedef enum nmp_gradient NMP_INT_ENUM {
   NMP_GRAD_WEIGHTS = 4   /* n = n_weights */
 } nmp_gradient;
 /* Places in NMP_GRAD_MATERIAL: derivatives in the numbers of nmp_sim_desc. Those that the modules
- * do not use are 0. */
+ * do not use are 0; so is that in drag or friction of 0 beside an integrator that is not analytic.
+ */
 enum nmp_material {
   NMP_MATERIAL_E = 0,
   NMP_MATERIAL_NU = 1,

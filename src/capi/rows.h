@@ -1,6 +1,10 @@
 #pragma once
 
+#include <cmath>
+#include <stdexcept>
+
 #include "autodiff/types.h"
+#include "base/check.h"
 
 namespace nmp::capi {
 
@@ -16,10 +20,23 @@ Matrix<Real> from_rows(const Rows& rows) {
   return rows.template cast<Real>();
 }
 
-/// A host's buffer of n x cols doubles.
+/// A number of a host's, which is finite.
+/// @throws std::invalid_argument  if it is not in single precision
+template <class Real>
+Real to_real(double value) {
+  const Real result = static_cast<Real>(value);
+  if (!std::isfinite(result))
+    throw std::invalid_argument(text(value, " is too large for NMP_SINGLE"));
+  return result;
+}
+/// A host's buffer of n x cols doubles, all of them finite.
+/// @throws std::invalid_argument  as to_real
 template <class Real>
 Matrix<Real> read_rows(const double* values, Index n, Index cols) {
-  return Eigen::Map<const Rows>(values, n, cols).template cast<Real>();
+  Matrix<Real> rows(n, cols);
+  for (Index i = 0; i < n; ++i)
+    for (Index j = 0; j < cols; ++j) rows(i, j) = to_real<Real>(*values++);
+  return rows;
 }
 template <class Batch>
 void write_rows(const Batch& batch, double* values) {

@@ -130,7 +130,7 @@ class SimOf : public Sim {
     choose_integrator(desc);
     fem::Boundary<Real> boundary;
     if (desc.has_ground) {
-      boundary.ground = static_cast<Real>(desc.ground);
+      boundary.ground = to_real<Real>(desc.ground);
       friction_ = fem::make_friction<Real>(desc.friction);
       if (desc.friction > 0 || desc.integrator == NMP_INTEGRATOR_SEMI_IMPLICIT)
         boundary.friction = friction_;
@@ -155,6 +155,7 @@ class SimOf : public Sim {
   int32_t substeps() const override { return static_cast<int32_t>(motion_->simulation().substeps); }
 
   void step(int32_t n) override {
+    if (placed_ && n > 0) refuse_below_ground();
     for (int32_t k = 0; k < n; ++k) {
       if (recording_)
         recording_->advance();
@@ -173,6 +174,7 @@ class SimOf : public Sim {
     const Index n = mesh_.n_vertices();
     motion_->set_state({x ? read_rows<Real>(x, n, 3) : Matrix<Real>(motion_->x()),
                         v ? read_rows<Real>(v, n, 3) : Matrix<Real>(motion_->v())});
+    placed_ = true;
   }
 
   void set_pins(const int32_t* vertices, size_t n) override {
@@ -220,8 +222,8 @@ class SimOf : public Sim {
           !(planes[i].friction >= 0) || !std::isfinite(planes[i].friction))
         throw std::invalid_argument(text(
             "planes[", i, "] needs a normal that is not 0, a finite height and friction >= 0"));
-      made.push_back({(normal / length).cast<Real>(), static_cast<Real>(planes[i].height),
-                      static_cast<Real>(planes[i].friction)});
+      made.push_back({(normal / length).cast<Real>(), to_real<Real>(planes[i].height),
+                      to_real<Real>(planes[i].friction)});
     }
     motion_->set_planes(std::move(made));
   }
@@ -251,13 +253,14 @@ class SimOf : public Sim {
   }
 
   std::string save() const override {
-    return encode<Real>({motion_->snapshot(), pin_order_}, mesh_);
+    return encode<Real>({motion_->snapshot(), pin_order_}, motion_->simulation());
   }
   void load(std::string_view bytes) override {
     refuse_while_recording();
-    SavedState<Real> saved = decode<Real>(bytes, mesh_, motion_->boundary());
+    SavedState<Real> saved = decode<Real>(bytes, motion_->simulation());
     motion_->restore(std::move(saved.motion));
     pin_order_ = std::move(saved.pin_order);
+    placed_ = true;
   }
 
   void begin_gradient(uint32_t with) override {
@@ -266,11 +269,17 @@ class SimOf : public Sim {
       throw std::invalid_argument(text("with is ", with, ", expected 0 ... 7"));
     if ((with & NMP_WITH_WEIGHTS) && !model_)
       throw std::invalid_argument("without a model there are no weights");
+    std::vector<ad::Parameter<Real>*> opened;
+    if (with & NMP_WITH_MATERIAL) opened = material();
+    if (with & NMP_WITH_WEIGHTS)
+      for (ad::Parameter<Real>* p : model_->parameters()) opened.push_back(p);
     with_ = with;
-    for (ad::Parameter<Real>* p : material()) prepare(*p, (with & NMP_WITH_MATERIAL) != 0);
-    if (model_)
-      for (ad::Parameter<Real>* p : model_->parameters())
-        prepare(*p, (with & NMP_WITH_WEIGHTS) != 0);
+    end_gradient();  // of a beginning that failed
+    opened_ = std::move(opened);
+    for (ad::Parameter<Real>* p : opened_) {
+      p->set_frozen(false);
+      p->zero_bar();
+    }
     recording_ = std::make_unique<Recording<Real>>(*motion_, (with & NMP_WITH_FORCES) != 0);
     differentiated_ = false;
   }
@@ -337,10 +346,10 @@ class SimOf : public Sim {
     }
   }
 
-  void end_gradient() override {
+  void end_gradient() override {  // takes no memory
     recording_.reset();
-    for (ad::Parameter<Real>* p : material()) p->set_frozen(true);
-    if (model_) nn::set_frozen(model_->parameters(), true);
+    for (ad::Parameter<Real>* p : opened_) p->set_frozen(true);
+    opened_.clear();
   }
 
  private:
@@ -375,6 +384,24 @@ class SimOf : public Sim {
         "move it to the origin or use NMP_DOUBLE");
   }
 
+  // Contact would lift what is deep in the ground at once, and press the body flat.
+  void refuse_below_ground() {
+    const fem::Boundary<Real>& boundary = motion_->boundary();
+    if (boundary.ground) {
+      const Real lowest = *boundary.ground - static_cast<Real>(0.05) * mesh_.diagonal();
+      const Matrix<Real>& x = motion_->x();
+      for (Index i = 0; i < x.rows(); ++i) {
+        if (x(i, 2) >= lowest ||
+            std::binary_search(boundary.pinned.begin(), boundary.pinned.end(), static_cast<int>(i)))
+          continue;
+        throw std::invalid_argument(text(
+            "vertex ", i, " is at z = ", x(i, 2), " m, deep below the ground at ", *boundary.ground,
+            " m: place the body above it (nmp_sim_set_state), or set desc->ground lower"));
+      }
+    }
+    placed_ = false;
+  }
+
   // Those that there are, in no order.
   std::vector<ad::Parameter<Real>*> material() {
     std::vector<ad::Parameter<Real>*> all{&euler_.density};
@@ -388,11 +415,6 @@ class SimOf : public Sim {
       all.push_back(&in_air_->wind);
     }
     return all;
-  }
-
-  static void prepare(ad::Parameter<Real>& p, bool wanted) {
-    p.set_frozen(!wanted);
-    p.zero_bar();
   }
 
   void write_material(double* values) const {
@@ -446,6 +468,8 @@ class SimOf : public Sim {
   std::optional<Motion<Real>> motion_;
   std::vector<Index> pin_order_;  // a pin's place in what hosts give
   std::unique_ptr<Recording<Real>> recording_;
+  bool placed_ = true;                        // and has made no step since
+  std::vector<ad::Parameter<Real>*> opened_;  // those that the recording differentiates in
   uint32_t with_ = 0;
   bool differentiated_ = false;
 };

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::uint64_t kMostFrames = std::uint64_t{1} << 40;
 constexpr char kMagic[9] = "NMPSTATE";
-constexpr std::uint64_t kVersion = 2;
+constexpr std::uint64_t kVersion = 3;
 
 class Writer {
  public:
@@ -76,8 +76,10 @@ class Reader {
     get(m.data(), static_cast<std::size_t>(m.size()));
     return m;
   }
-  void expect(std::uint64_t wanted, const char* what) {
-    const std::uint64_t found = number();
+  template <class T>
+  void expect(T wanted, const char* what) {
+    T found{};
+    get(&found, 1);
     if (found != wanted) fail(text("is of ", what, " ", found, ", this simulation's is ", wanted));
   }
   void finish() const {
@@ -111,7 +113,8 @@ Matrix<Real> as_matrix(const std::vector<fem::Plane<Real>>& planes) {
 }  // namespace
 
 template <class Real>
-std::string encode(const SavedState<Real>& state, const fem::TetMesh<Real>& mesh) {
+std::string encode(const SavedState<Real>& state, const Simulation<Real>& simulation) {
+  const fem::TetMesh<Real>& mesh = simulation.mesh;
   const typename Motion<Real>::Snapshot& s = state.motion;
   Writer out;
   out.put(kMagic, 8);
@@ -121,6 +124,8 @@ std::string encode(const SavedState<Real>& state, const fem::TetMesh<Real>& mesh
   out.number(static_cast<std::uint64_t>(mesh.n_vertices()));
   out.number(static_cast<std::uint64_t>(mesh.n_tets()));
   out.number(hash_of(mesh));
+  out.number(static_cast<std::uint64_t>(simulation.substeps));
+  for (const Real value : {simulation.h, simulation.stagger}) out.put(&value, 1);
   out.number(static_cast<std::uint64_t>(s.frame));
   for (const Matrix<Real>* m : {&s.x, &s.v, &s.v_reported, &s.f_ext, &s.f_acted}) out.matrix(*m);
   out.number(s.boundary.pinned.size());
@@ -134,19 +139,22 @@ std::string encode(const SavedState<Real>& state, const fem::TetMesh<Real>& mesh
 }
 
 template <class Real>
-SavedState<Real> decode(std::string_view bytes, const fem::TetMesh<Real>& mesh,
-                        const fem::Boundary<Real>& boundary) {
+SavedState<Real> decode(std::string_view bytes, const Simulation<Real>& simulation) {
+  const fem::TetMesh<Real>& mesh = simulation.mesh;
   Reader in(bytes);
   in.expect(kVersion, "version");
-  in.expect(sizeof(Real), "a precision of bytes");
+  in.expect(std::uint64_t{sizeof(Real)}, "a precision of bytes");
   const Index n = mesh.n_vertices();
   in.expect(static_cast<std::uint64_t>(n), "a mesh whose number of vertices is");
   in.expect(static_cast<std::uint64_t>(mesh.n_tets()), "a mesh whose number of tetrahedra is");
-  in.expect(hash_of(mesh), "another mesh of as many: its hash is");
+  if (in.number() != hash_of(mesh)) Reader::fail("is of another mesh with the same counts");
+  in.expect(static_cast<std::uint64_t>(simulation.substeps), "substeps");
+  in.expect(simulation.h, "a step of seconds");
+  in.expect(simulation.stagger, "a stagger of");
   SavedState<Real> state;
   typename Motion<Real>::Snapshot& s = state.motion;
-  s.boundary.ground = boundary.ground;
-  s.boundary.friction = boundary.friction;
+  s.boundary.ground = simulation.boundary.ground;
+  s.boundary.friction = simulation.boundary.friction;
   const std::uint64_t frame = in.number();
   if (frame > kMostFrames) Reader::fail(text("is of frame ", frame));
   s.frame = static_cast<Index>(frame);
@@ -185,11 +193,9 @@ SavedState<Real> decode(std::string_view bytes, const fem::TetMesh<Real>& mesh,
   return state;
 }
 
-template std::string encode(const SavedState<float>&, const fem::TetMesh<float>&);
-template std::string encode(const SavedState<double>&, const fem::TetMesh<double>&);
-template SavedState<float> decode(std::string_view, const fem::TetMesh<float>&,
-                                  const fem::Boundary<float>&);
-template SavedState<double> decode(std::string_view, const fem::TetMesh<double>&,
-                                   const fem::Boundary<double>&);
+template std::string encode(const SavedState<float>&, const Simulation<float>&);
+template std::string encode(const SavedState<double>&, const Simulation<double>&);
+template SavedState<float> decode(std::string_view, const Simulation<float>&);
+template SavedState<double> decode(std::string_view, const Simulation<double>&);
 
 }  // namespace nmp::capi

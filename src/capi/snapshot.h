@@ -16,14 +16,15 @@ struct SavedState {
 };
 
 /// As bytes: "NMPSTATE", how many bytes in all, a version, the bytes of a Real, #V, #T and the
-/// hash of the mesh, the numbers as they are, and the XXH3 of all that.
+/// hash of the mesh, the step, substeps and stagger, the numbers as they are, and the XXH3 of all
+/// that.
 template <class Real>
-std::string encode(const SavedState<Real>& state, const fem::TetMesh<Real>& mesh);
+std::string encode(const SavedState<Real>& state, const Simulation<Real>& simulation);
 
-/// @param boundary  whose ground and friction are taken over
-/// @throws InputError  for bytes that are damaged, or of another mesh, precision or version
+/// @param simulation  whose ground and friction are taken over
+/// @throws InputError  for bytes that are damaged, or of another mesh, stepping, precision or
+/// version
 template <class Real>
-SavedState<Real> decode(std::string_view bytes, const fem::TetMesh<Real>& mesh,
-                        const fem::Boundary<Real>& boundary);
+SavedState<Real> decode(std::string_view bytes, const Simulation<Real>& simulation);
 
 }  // namespace nmp::capi

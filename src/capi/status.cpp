@@ -32,10 +32,17 @@ void append(std::string_view text, std::size_t& end) {
   last_error[end] = 0;
 }
 
-nmp_status keep(nmp_status status, const char* function, const char* message) {
+// Of a message that is too long, the beginning and the end: the reason stands behind a path.
+nmp_status keep(nmp_status status, const char* function, std::string_view message) {
+  constexpr std::size_t kHead = 300, kTail = 500;
   std::size_t end = 0;
   append(function, end);
   append(": ", end);
+  if (message.size() > kHead + kTail) {
+    append(message.substr(0, kHead), end);
+    append(" ... ", end);
+    message.remove_prefix(message.size() - kTail);
+  }
   append(message, end);
   return status;
 }

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <pthread.h>
+
 #include <stdexcept>
 #include <string>
 
+#include "base/float_environment.h"
 #include "capi/nmp.h"
 
 /// What stands between C and C++: statuses, messages, handles.
@@ -21,9 +24,24 @@ struct OrderError : std::logic_error {
 /// Allocates nothing.
 nmp_status keep_error(const char* function) noexcept;
 
+/// The thread of a host while it is in the library: with the environment of floating-point numbers
+/// that results are promised for, and not to be cancelled, which would unwind through noexcept.
+class InLibrary {
+ public:
+  InLibrary() noexcept { pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancel_); }
+  ~InLibrary() { pthread_setcancelstate(cancel_, nullptr); }
+  InLibrary(const InLibrary&) = delete;
+  InLibrary& operator=(const InLibrary&) = delete;
+
+ private:
+  int cancel_ = PTHREAD_CANCEL_ENABLE;
+  FloatEnvironment floats_;
+};
+
 /// Runs f and turns what it throws into a status: the body of every function of the C API.
 template <class F>
 nmp_status guarded(const char* function, F&& f) noexcept {
+  const InLibrary in_library;
   try {
     f();
     return NMP_OK;

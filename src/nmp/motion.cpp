@@ -30,7 +30,7 @@ void Motion<Real>::change_state() {
 }
 
 template <class Real>
-void Motion<Real>::set_state(const fem::State<Real>& state) {
+void Motion<Real>::set_state(const fem::State<Real>& state, Matrix<Real> f_ext) {
   const fem::TetMesh<Real>& mesh = simulation_.mesh;
   NMP_CHECK(state.x.rows() == mesh.n_vertices() && state.x.cols() == 3 &&
                 state.v.rows() == mesh.n_vertices() && state.v.cols() == 3,
@@ -42,7 +42,8 @@ void Motion<Real>::set_state(const fem::State<Real>& state) {
   evaluated_ = false;
   const Matrix<Real> v_inside = fem::located<Real>(mesh, state.v, simulation_.h, now, [&] {
     return Matrix<Real>(
-        internal_velocity(simulation_, tape_.constant(state.x), tape_.constant(state.v)).value());
+        internal_velocity(simulation_, tape_.constant(state.x), tape_.constant(state.v), f_ext)
+            .value());
   });
   fem::State<Real> inside{state.x, v_inside};
   Matrix<Real> reported = state.v;
@@ -50,6 +51,7 @@ void Motion<Real>::set_state(const fem::State<Real>& state) {
   change_state();
   v_reported_ = std::move(reported);
   has_reported_ = was_given_ = true;
+  f_acted_ = std::move(f_ext);
 }
 
 template <class Real>
@@ -108,7 +110,6 @@ void Motion<Real>::evaluate() {
   const fem::TetMesh<Real>& mesh = simulation_.mesh;
   const Index now = step_number();
   tape_.clear();
-  fem::check_state<Real>(mesh, state_.x, state_.v, simulation_.h, now);
   fem::located<Real>(mesh, state_.v, simulation_.h, now, [&] {
     if (!simulation_.law.refuses_inverted()) count_inverted(state_.x, now);
     x_ = tape_.constant(state_.x);
@@ -180,6 +181,7 @@ void Motion<Real>::step() {
   else
     finish(boundary_of_step(substep_));
   change_state();
+  fem::check_state<Real>(simulation_.mesh, state_.x, state_.v, simulation_.h, step_number() + 1);
 }
 
 // What the end of a frame needs memory for.
@@ -212,12 +214,10 @@ void Motion<Real>::advance() {
   try {
     for (substep_ = 0; substep_ < simulation_.substeps; ++substep_) step();
   } catch (...) {
-    if (substep_ > 0) {
-      std::swap(state_, frame_state_);
-      change_state();
-      has_reported_ = had_reported;
-      was_given_ = was_given;
-    }
+    std::swap(state_, frame_state_);
+    change_state();
+    has_reported_ = had_reported;
+    was_given_ = was_given;
     substep_ = 0;
     throw;
   }

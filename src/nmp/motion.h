@@ -22,7 +22,7 @@ class Motion {
   Index frame() const { return frame_; }
 
   /// The present state: #V x 3 [m], [m/s], [N]. Velocities are as reported (Simulation::stagger),
-  /// by the external forces that have acted in the last frame.
+  /// by acted_force().
   /// @throws NumericalError  if the state, the force or the increment is no longer a simulation's
   const Matrix<Real>& x() const { return state_.x; }
   const Matrix<Real>& v();
@@ -37,8 +37,11 @@ class Motion {
   /// Velocities inside: #V x 3 [m/s].
   const Matrix<Real>& v_inside() const { return state_.v; }
 
-  /// A new state; the frames are counted on.
-  void set_state(const fem::State<Real>& state);
+  /// A new state, its velocities as reported under the external force that is set; the frames are
+  /// counted on.
+  void set_state(const fem::State<Real>& state) { set_state(state, f_ext_); }
+  /// The same under another force, 0 x 0: none.
+  void set_state(const fem::State<Real>& state, Matrix<Real> f_ext);
 
   // -- from outside, from the next frame on
 
@@ -53,6 +56,8 @@ class Motion {
   /// Added to f_int, #V x 3 [N]; 0 x 0: none.
   void set_external_force(Matrix<Real> f_ext);
   const Matrix<Real>& external_force() const { return f_ext_; }
+  /// That of the last frame, or of the set_state since then.
+  const Matrix<Real>& acted_force() const { return f_acted_; }
 
   bool pins_move() const { return pin_target_.rows() > 0; }
   /// The boundary as it is at the end of step k of the coming frame.
@@ -94,7 +99,7 @@ class Motion {
   Matrix<Real> v_reported_;
   bool has_reported_ = false;                  // v_reported_ is of the present state ...
   bool was_given_ = false;                     // ... and was given, not computed
-  Matrix<Real> f_ext_, f_acted_, pin_target_;  // 0 x 0: none; f_acted_: in the last frame
+  Matrix<Real> f_ext_, f_acted_, pin_target_;  // 0 x 0: none
   ad::Var<Real> x_, v_, f_int_, dv_;           // of evaluate()
   bool evaluated_ = false;
   Index frame_ = 0, substep_ = 0;

@@ -31,8 +31,8 @@ Recording<Real>::Recording(Motion<Real>& motion, bool with_forces)
     : motion_(motion), with_forces_(with_forces) {
   x_ = x0_ = tape_.input(motion_.x());
   v0_ = tape_.input(motion_.v());
-  v_ = internal_velocity(motion_.simulation(), x_, v0_);
-  motion_.set_state({x0_.value(), v0_.value()});
+  v_ = internal_velocity(motion_.simulation(), x_, v0_, motion_.acted_force());
+  motion_.set_state({x0_.value(), v0_.value()}, motion_.acted_force());
 }
 
 template <class Real>
@@ -53,10 +53,10 @@ void Recording<Real>::advance() {
   };
   if (s.law.keeps_nothing())
     inputs.push_back(in_step(first, v_, [&] { return s.law.internal_force(s.mesh, x_); }));
-  forced_ = with_forces_ || motion_.external_force().size() > 0;
+  const bool forced = with_forces_ || motion_.external_force().size() > 0;
   // What Motion::advance looks at, before the frame is computed again: then it has been seen.
   const auto forward = std::make_shared<bool>(true);
-  const ad::Piece<Real> frame = [&s, &motion = motion_, in_step, first, forward, forced = forced_,
+  const ad::Piece<Real> frame = [&s, &motion = motion_, in_step, first, forward, forced,
                                  all = boundaries(motion_)](ad::Tape<Real>&,
                                                             const ad::Vars<Real>& in) {
     Var<Real> x = in[0], v = in[1];
@@ -82,11 +82,12 @@ void Recording<Real>::advance() {
   const ad::Vars<Real> out = ad::checkpoint<Real>(frame, inputs);
   *forward = false;
   fem::check_state<Real>(s.mesh, out[0].value(), out[1].value(), s.h,
-                         (motion_.frame() + 1) * s.substeps);
+                         (motion_.frame() + 1) * s.substeps + 1);
   fem::State<Real> next{out[0].value(), out[1].value()};
   f_ext_.reserve(f_ext_.size() + 1);
   motion_.advance_to(std::move(next));
   f_ext_.push_back(f_ext);
+  forced_ = forced;
   x_ = out[0];
   v_ = out[1];
 }

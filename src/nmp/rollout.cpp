@@ -12,11 +12,13 @@ namespace nmp {
 using ad::Var;
 
 template <class Real>
-Var<Real> internal_velocity(const Simulation<Real>& simulation, Var<Real> x, Var<Real> v) {
+Var<Real> internal_velocity(const Simulation<Real>& simulation, Var<Real> x, Var<Real> v,
+                            const Matrix<Real>& f_ext) {
   if (simulation.stagger == Real(0)) return v;
   const fem::StepContext<Real> context{simulation.mesh, simulation.h, simulation.boundary};
-  const Var<Real> f_int = simulation.law.internal_force(simulation.mesh, x);
-  const Var<Real> dv = simulation.integrator.dv(context, x, v, f_int);
+  Var<Real> f = simulation.law.internal_force(simulation.mesh, x);
+  if (f_ext.size() > 0) f = ad::add(f, x.tape().constant(f_ext));
+  const Var<Real> dv = simulation.integrator.dv(context, x, v, f);
   return fem::pin_velocities(simulation.boundary,
                              ad::subtract(v, ad::scale(dv, simulation.stagger)));
 }
@@ -81,7 +83,8 @@ RolloutError compare(const Simulation<Real>& simulation, const Trajectory& truth
 }
 
 #define NMP_INSTANTIATE(Real)                                                                   \
-  template Var<Real> internal_velocity(const Simulation<Real>&, Var<Real>, Var<Real>);          \
+  template Var<Real> internal_velocity(const Simulation<Real>&, Var<Real>, Var<Real>,           \
+                                       const Matrix<Real>&);                                    \
   template RolloutEnd roll_out(const Simulation<Real>&, const fem::State<Real>&, Index,         \
                                const std::function<void(const Frame<Real>&)>&);                 \
   template Matrix<Real> velocity_from_positions(const Trajectory&, Index, double, Index, bool); \

@@ -73,9 +73,10 @@ template <class Real>
 Matrix<Real> velocity_from_positions(const Trajectory& truth, Index t, double h, Index substeps,
                                      bool staggered);
 
-/// v_in at a start or a reset to the truth: v - s dv(x, v, f(x)).   #V x 3
+/// v_in at a start or a reset to the truth: v - s dv(x, v, f(x) + f_ext).   #V x 3
+/// @param f_ext  #V x 3 [N]; 0 x 0: none
 template <class Real>
 ad::Var<Real> internal_velocity(const Simulation<Real>& simulation, ad::Var<Real> x,
-                                ad::Var<Real> v);
+                                ad::Var<Real> v, const Matrix<Real>& f_ext = {});
 
 }  // namespace nmp

@@ -1,9 +1,8 @@
 #!/usr/bin/env bash
 # Every example does what it says, and ends with a status that tells.
-#   check_examples.sh NMP FOLDER-OF-THE-PROGRAMS EXAMPLES-FOLDER MODELS-FOLDER [LIBNMP.SO]
+#   check_examples.sh NMP FOLDER-OF-THE-PROGRAMS MODELS-FOLDER
 set -euo pipefail
-nmp=$(realpath "$1") programs=$(realpath "$2") sources=$(realpath "$3") models=$(realpath "$4")
-library=${5:+$(realpath "$5")}
+nmp=$(realpath "$1") programs=$(realpath "$2") models=$(realpath "$3")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 cd "$work"
@@ -25,12 +24,3 @@ for wrong in minimal host_loop custom_material aim; do
   if "$programs/$wrong" missing.msh 2>error; then echo "$wrong takes a missing mesh" >&2; exit 1; fi
   grep -q missing.msh error || { echo "$wrong does not name the missing mesh" >&2; exit 1; }
 done
-
-# A sanitized library belongs to a sanitized program, so not to Python.
-if [ -z "$library" ]; then
-  echo "SKIPPED: nmp_numpy.py, there is no shared library"
-elif ! /usr/bin/env python3 -c 'import numpy' 2>/dev/null; then
-  echo "SKIPPED: nmp_numpy.py, this Python has no NumPy"
-else
-  run python3 "$sources/nmp_numpy.py" "$library" cube.msh
-fi

@@ -77,6 +77,7 @@ TEST_SUITE("capi/contract") {
       refused("nmp_mesh_tets", nmp_mesh_tets(m, ints, 3));
       refused("nmp_mesh_triangles", nmp_mesh_triangles(m, ints, 3));
       refused("nmp_mesh_vertex_volumes", nmp_mesh_vertex_volumes(m, out, o.n / 3));
+      refused("nmp_mesh_file_vertices", nmp_mesh_file_vertices(m, ints, 3));
       refused("nmp_mesh_report", nmp_mesh_report(m, text, 4, &size));
       refused("nmp_sim_create", nmp_sim_create(m, o.model.handle, &o.desc, &sim));
       if (m) refused("nmp_mesh_free", nmp_mesh_free(m));
@@ -167,6 +168,7 @@ TEST_SUITE("capi/contract") {
          [&](double* p, size_t n) { return nmp_mesh_vertices(o.cube.handle, p, n); }},
         {"nmp_mesh_tets", 4 * n_tets, on_int(nmp_mesh_tets, o.cube.handle)},
         {"nmp_mesh_triangles", 3 * n_triangles, on_int(nmp_mesh_triangles, o.cube.handle)},
+        {"nmp_mesh_file_vertices", o.n / 3, on_int(nmp_mesh_file_vertices, o.cube.handle)},
         {"nmp_mesh_vertex_volumes", o.n / 3,
          [&](double* p, size_t n) { return nmp_mesh_vertex_volumes(o.cube.handle, p, n); }},
         {"nmp_model_weights", n_weights,
@@ -192,6 +194,8 @@ TEST_SUITE("capi/contract") {
         {"nmp_grad_get", o.n,
          [&](double* p, size_t n) { return nmp_grad_get(s, NMP_GRAD_X0, 0, p, n); }},
         {"nmp_grad_get", o.n,
+         [&](double* p, size_t n) { return nmp_grad_get(s, NMP_GRAD_V0, 0, p, n); }},
+        {"nmp_grad_get", o.n,
          [&](double* p, size_t n) { return nmp_grad_get(s, NMP_GRAD_FORCE, 0, p, n); }},
         {"nmp_grad_get", NMP_N_MATERIAL,
          [&](double* p, size_t n) { return nmp_grad_get(s, NMP_GRAD_MATERIAL, 0, p, n); }},
@@ -203,6 +207,11 @@ TEST_SUITE("capi/contract") {
         refused(f.name, f.call(big.data(), n));
       if (!f.optional) refused(f.name, f.call(nullptr, f.n));
     }
+    refused("nmp_grad_add_loss", nmp_grad_add_loss(s, bad.data(), nullptr, o.n));
+    refused("nmp_grad_add_loss", nmp_grad_add_loss(s, nullptr, bad.data(), o.n));
+    for (const int gradient : {-1, 77})
+      refused("nmp_grad_get",
+              nmp_grad_get(s, static_cast<nmp_gradient>(gradient), 0, big.data(), o.n));
     CHECK(big == Buffer(big.size(), 7));
     ok(nmp_grad_end(s));
     ok(nmp_sim_load(s, before.data(), before.size()));
@@ -224,6 +233,13 @@ TEST_SUITE("capi/contract") {
     refused("nmp_sim_set_pins", nmp_sim_set_pins(s, nullptr, 1));
     refused("nmp_sim_set_pins", nmp_sim_set_pins(s, twice, kHuge));
     refused("nmp_sim_move_pins", nmp_sim_move_pins(s, o.x.data(), 3));
+    ok(nmp_sim_set_pins(s, twice, 2));
+    for (const size_t n : {size_t{0}, size_t{3}, size_t{5}, size_t{7}, kHuge})
+      refused("nmp_sim_move_pins", nmp_sim_move_pins(s, o.x.data(), n));
+    refused("nmp_sim_move_pins", nmp_sim_move_pins(s, nullptr, 6));
+    refused("nmp_sim_move_pins", nmp_sim_move_pins(s, bad.data(), 6));
+    ok(nmp_sim_set_pins(s, nullptr, 0));
+    ok(nmp_sim_load(s, before.data(), before.size()));
     const nmp_plane flat{{0, 0, 0}, 0, 0}, wild{{0, 0, 1}, kNaN, 0}, sticky{{0, 0, 1}, 0, -1},
         lost{{kNaN, 0, 1}, 0, 0};
     for (const nmp_plane& plane : {flat, wild, sticky, lost})
@@ -233,7 +249,12 @@ TEST_SUITE("capi/contract") {
     refused("nmp_sim_step", nmp_sim_step(s, -1));
     refused("nmp_sim_time", nmp_sim_time(s, nullptr));
     refused("nmp_sim_save_size", nmp_sim_save_size(s, nullptr));
-    refused("nmp_sim_save", nmp_sim_save(s, big.data(), 1));
+    Buffer kept(before.size() / sizeof(double) + 2, 7);
+    for (const size_t n : {size_t{0}, size_t{1}, before.size() - 1, before.size() + 1,
+                           static_cast<size_t>(-1), kHuge})
+      refused("nmp_sim_save", nmp_sim_save(s, kept.data(), n));
+    refused("nmp_sim_save", nmp_sim_save(s, nullptr, before.size()));
+    CHECK(kept == Buffer(kept.size(), 7));
     refused("nmp_sim_load", nmp_sim_load(s, nullptr, 1));
     refused("nmp_sim_get_field", nmp_sim_get_field(s, static_cast<nmp_field>(77), big.data(), 1));
     refused("nmp_set_threads", nmp_set_threads(-1));
@@ -259,6 +280,8 @@ TEST_SUITE("capi/contract") {
     refused("nmp_model_load_memory", nmp_model_load_memory(big.data(), 8, nullptr));
     refused("nmp_model_save", nmp_model_save(o.model.handle, nullptr));
     refused("nmp_model_get_info", nmp_model_get_info(o.model.handle, nullptr));
+    refused("nmp_model_with_weights",
+            nmp_model_with_weights(o.model.handle, weights.data(), n_weights, nullptr));
     weights[3] = kNaN;
     refused("nmp_model_with_weights",
             nmp_model_with_weights(o.model.handle, weights.data(), n_weights, &model));
@@ -376,6 +399,14 @@ TEST_SUITE("capi/contract") {
     CHECK(std::string(nmp_last_error()).find("\\xff") != std::string::npos);
     refused("nmp_mesh_load", nmp_mesh_load("K\u00f6rper.msh", nullptr, &mesh), NMP_ERROR_IO);
     CHECK(std::string(nmp_last_error()).find("K\u00f6rper.msh") != std::string::npos);
+    const std::string far = std::string(4000, 'a') + ".msh";
+    refused("nmp_mesh_load", nmp_mesh_load(far.c_str(), nullptr, &mesh), NMP_ERROR_IO);
+    CHECK(std::string(nmp_last_error()).find("name too long") != std::string::npos);
+    refused("nmp_model_load", nmp_model_load("\xff\xfe", &model), NMP_ERROR_IO);
+    const Cube cube(2);
+    const LoadedModel loaded;
+    refused("nmp_mesh_save", nmp_mesh_save(cube.handle, "no_folder/\xff.msh"), NMP_ERROR_IO);
+    refused("nmp_model_save", nmp_model_save(loaded.handle, "no_folder/\xff"), NMP_ERROR_IO);
     refused("nmp_mesh_load", nmp_mesh_load("body.fbx", nullptr, &mesh));
     refused("nmp_mesh_load", nmp_mesh_load(std::string(100000, 'a').c_str(), nullptr, &mesh));
     refused("nmp_model_load", nmp_model_load("missing", &model), NMP_ERROR_IO);
@@ -479,6 +510,147 @@ TEST_SUITE("capi/contract") {
     CHECK(host.inner == NMP_ERROR_ORDER);  // not from its own callback
   }
 
+  TEST_CASE("what an integrator or a reverse throws, returns or leaves undone is an error, too") {
+    const Cube cube(2);
+    enum { fine, returns, throws, leaves_nan };
+    struct Host {
+      int stress_vjp = fine, dv = fine, dv_vjp = fine;
+    } host;
+    static const auto act = [](int how, double* out) {
+      if (how == throws) throw std::runtime_error("thrown");
+      if (how == leaves_nan) *out = kNaN;
+      return how == returns ? 3 : 0;
+    };
+    nmp_sim_desc desc = analytic_desc(NMP_LAW_CALLBACK);
+    desc.integrator = NMP_INTEGRATOR_CALLBACK;
+    desc.stress_user = desc.integrator_user = &host;
+    desc.stress_callback = [](void*, std::size_t n, const double* F, double* P) {
+      for (std::size_t i = 0; i < 9 * n; ++i) P[i] = 1e3 * (F[i] - (i % 9 % 4 == 0));
+      return 0;
+    };
+    desc.stress_vjp = [](void* user, std::size_t n, const double*, const double* P_bar,
+                         double* F_bar) {
+      for (std::size_t i = 0; i < 9 * n; ++i) F_bar[i] = 1e3 * P_bar[i];
+      return act(static_cast<Host*>(user)->stress_vjp, F_bar);
+    };
+    desc.integrator_callback = [](void* user, std::size_t n, double h, const double*, const double*,
+                                  const double* f, double* dv) {
+      for (std::size_t i = 0; i < 3 * n; ++i) dv[i] = h * f[i];
+      return act(static_cast<Host*>(user)->dv, dv);
+    };
+    desc.integrator_vjp = [](void* user, std::size_t n, double h, const double*, const double*,
+                             const double*, const double* dv_bar, double*, double* v_bar,
+                             double* f_bar) {
+      for (std::size_t i = 0; i < 3 * n; ++i) f_bar[i] = h * dv_bar[i];
+      return act(static_cast<Host*>(user)->dv_vjp, v_bar);
+    };
+    const MadeSim sim(cube, desc);
+    const Buffer bar = random_buffer(cube.n(), 3);
+    for (const int how : {returns, throws, leaves_nan}) {
+      CAPTURE(how);
+      host.dv = how;
+      const std::string before = sim.saved();
+      refused("nmp_sim_step", nmp_sim_step(sim.handle, 1),
+              how == leaves_nan ? NMP_ERROR_NUMERICAL : NMP_ERROR_CALLBACK);
+      CHECK(sim.saved() == before);
+      host.dv = fine;
+    }
+    ok(nmp_grad_begin(sim.handle, 0));
+    ok(nmp_sim_step(sim.handle, 3));
+    ok(nmp_grad_add_loss(sim.handle, bar.data(), bar.data(), cube.n()));
+    ok(nmp_grad_backward(sim.handle));
+    Buffer wanted(cube.n()), found(cube.n());
+    ok(nmp_grad_get(sim.handle, NMP_GRAD_V0, 0, wanted.data(), cube.n()));
+    for (int Host::*where : {&Host::stress_vjp, &Host::dv_vjp}) {
+      for (const int how : {returns, throws, leaves_nan}) {
+        CAPTURE(how);
+        host.*where = how;
+        refused("nmp_grad_backward", nmp_grad_backward(sim.handle), NMP_ERROR_CALLBACK);
+        host.*where = fine;
+        refused("nmp_grad_get", nmp_grad_get(sim.handle, NMP_GRAD_V0, 0, found.data(), cube.n()),
+                NMP_ERROR_ORDER);
+      }
+    }
+    ok(nmp_grad_backward(sim.handle));
+    ok(nmp_grad_get(sim.handle, NMP_GRAD_V0, 0, found.data(), cube.n()));
+    CHECK(found == wanted);
+    ok(nmp_grad_end(sim.handle));
+  }
+
+  TEST_CASE("a simulation that is stepping is refused to other threads, and not freed") {
+    const Cube cube(2);
+    struct Host {
+      nmp_sim* sim = nullptr;
+      nmp_status step = NMP_OK, state = NMP_OK, free = NMP_OK, own_free = NMP_OK;
+    } host;
+    nmp_sim_desc desc = analytic_desc(NMP_LAW_CALLBACK);
+    desc.stress_user = &host;
+    desc.stress_callback = [](void* user, std::size_t n, const double* F, double* P) {
+      Host& h = *static_cast<Host*>(user);
+      for (std::size_t i = 0; i < 9 * n; ++i) P[i] = F[i] - (i % 9 % 4 == 0);
+      if (!h.sim) return 0;
+      std::thread([&h] {
+        double x[24];
+        h.step = nmp_sim_step(h.sim, 1);
+        h.state = nmp_sim_get_state(h.sim, x, nullptr, 24);
+        h.free = nmp_sim_free(h.sim);
+      }).join();
+      h.own_free = nmp_sim_free(h.sim);
+      return 0;
+    };
+    const MadeSim sim(cube, desc);
+    host.sim = sim.handle;
+    ok(nmp_sim_step(sim.handle, 1));
+    for (const nmp_status status : {host.step, host.state, host.free, host.own_free})
+      CHECK(status == NMP_ERROR_ORDER);
+    host.sim = nullptr;
+    ok(nmp_sim_step(sim.handle, 1));
+  }
+
+  TEST_CASE(
+      "a body that would begin deep below the ground is refused until it is placed above it") {
+    const Cube cube(2);
+    nmp_sim_desc desc = analytic_desc();
+    desc.has_ground = 1;
+    desc.ground = 0;  // through its middle
+    const MadeSim sim(cube, desc);
+    refused("nmp_sim_step", nmp_sim_step(sim.handle, 1));
+    CHECK(std::string(nmp_last_error()).find("deep below the ground") != std::string::npos);
+    refused("nmp_sim_step", nmp_sim_step(sim.handle, 1));
+    Buffer x = cube.vertices;
+    for (std::size_t i = 2; i < x.size(); i += 3) x[i] += 0.5;
+    ok(nmp_sim_set_state(sim.handle, x.data(), nullptr, cube.n()));
+    ok(nmp_sim_step(sim.handle, 200));
+    for (std::size_t i = 2; i < x.size(); i += 3) CHECK(sim.x()[i] >= 0);
+    ok(nmp_sim_set_state(sim.handle, cube.vertices.data(), nullptr, cube.n()));
+    std::vector<std::int32_t> low;  // what is held may be anywhere
+    for (std::size_t i = 0; i < x.size(); i += 3)
+      if (cube.vertices[i + 2] < 0) low.push_back(static_cast<std::int32_t>(i / 3));
+    ok(nmp_sim_set_pins(sim.handle, low.data(), low.size()));
+    ok(nmp_sim_step(sim.handle, 1));
+  }
+
+  TEST_CASE("a state that was saved by another step is refused") {
+    const Cube cube(2);
+    const nmp_sim_desc desc = analytic_desc();
+    const MadeSim sim(cube, desc);
+    ok(nmp_sim_step(sim.handle, 3));
+    const std::string saved = sim.saved();
+    for (const int which : {0, 1, 2}) {
+      CAPTURE(which);
+      nmp_sim_desc other = desc;
+      other.substeps = 4;
+      if (which == 0) other.h = 2e-3;
+      if (which == 1) other.substeps = 5;
+      if (which == 2) other.stagger = 0.5;
+      const MadeSim another(cube, other);
+      const std::string before = another.saved();
+      refused("nmp_sim_load", nmp_sim_load(another.handle, saved.data(), saved.size()),
+              NMP_ERROR_INPUT);
+      CHECK(another.saved() == before);
+    }
+  }
+
   TEST_CASE("a body that flies apart is an error that says where, and can be set anew") {
     const Cube cube(3);
     nmp_sim_desc desc = analytic_desc();
@@ -493,6 +665,43 @@ TEST_SUITE("capi/contract") {
     for (const double value : sim.x()) CHECK(std::isfinite(value));
     ok(nmp_sim_set_state(sim.handle, cube.vertices.data(), Buffer(cube.n(), 0).data(), cube.n()));
     ok(nmp_sim_step(sim.handle, 1));
+  }
+
+  TEST_CASE("numbers beyond single precision are refused, and states that they lead to") {
+    const Cube cube(2);
+    nmp_sim_desc desc = analytic_desc();
+    desc.precision = NMP_SINGLE;
+    desc.substeps = 1;
+    const MadeSim sim(cube, desc);
+    nmp_sim* const s = sim.handle;
+    const Buffer huge(cube.n(), 1e300);
+    refused("nmp_sim_set_state", nmp_sim_set_state(s, huge.data(), nullptr, cube.n()));
+    refused("nmp_sim_set_external_forces", nmp_sim_set_external_forces(s, huge.data(), cube.n()));
+    const nmp_plane plane{{0, 0, 1}, -1e300, 0};
+    refused("nmp_sim_set_planes", nmp_sim_set_planes(s, &plane, 1));
+    const std::int32_t pin = 3;
+    ok(nmp_sim_set_pins(s, &pin, 1));
+    refused("nmp_sim_move_pins", nmp_sim_move_pins(s, huge.data(), 3));
+    CHECK(std::string(nmp_last_error()).find("NMP_SINGLE") != std::string::npos);
+    const Buffer far(3, 1e38);
+    ok(nmp_sim_move_pins(s, far.data(), 3));
+    const std::string before = sim.saved();
+    refused("nmp_sim_step", nmp_sim_step(s, 1), NMP_ERROR_NUMERICAL);
+    CHECK(sim.saved() == before);
+
+    const LoadedModel model;
+    nmp_model_info info{};
+    info.struct_size = sizeof info;
+    ok(nmp_model_get_info(model.handle, &info));
+    const Buffer weights(info.n_weights, 1e300);
+    nmp_model* other = nullptr;
+    ok(nmp_model_with_weights(model.handle, weights.data(), weights.size(), &other));
+    desc = neural_desc();
+    desc.precision = NMP_SINGLE;
+    nmp_sim* unmade = nullptr;
+    refused("nmp_sim_create", nmp_sim_create(cube.handle, other, &desc, &unmade));
+    CHECK(unmade == nullptr);
+    ok(nmp_model_free(other));
   }
 
   TEST_CASE("strict is strict, also while gradients are recorded") {

@@ -229,6 +229,45 @@ TEST_SUITE("capi/gradients") {
     CHECK(plain.v() == recorded.v());
   }
 
+  TEST_CASE("a step that fails leaves no trace in the gradient, forces that ended included") {
+    const Cube cube(2);
+    struct Host {
+      bool fail = false;
+    } host;
+    nmp_sim_desc desc = analytic_desc(NMP_LAW_CALLBACK);
+    desc.stagger = 0.5;
+    desc.substeps = 2;
+    desc.stress_user = &host;
+    desc.stress_callback = [](void* user, std::size_t n, const double* F, double* P) {
+      for (std::size_t i = 0; i < 9 * n; ++i) P[i] = 1e4 * (F[i] * F[i] * F[i] - (i % 9 % 4 == 0));
+      return static_cast<int>(static_cast<Host*>(user)->fail);
+    };
+    desc.stress_vjp = [](void*, std::size_t n, const double* F, const double* P_bar,
+                         double* F_bar) {
+      for (std::size_t i = 0; i < 9 * n; ++i) F_bar[i] = 3e4 * F[i] * F[i] * P_bar[i];
+      return 0;
+    };
+    const Buffer push = random_buffer(cube.n(), 4, 1e3), bar = random_buffer(cube.n(), 5);
+    std::vector<Buffer> gradients;
+    for (const bool failing : {false, true}) {
+      const MadeSim sim(cube, desc);
+      ok(nmp_sim_set_external_forces(sim.handle, push.data(), cube.n()));
+      ok(nmp_grad_begin(sim.handle, 0));
+      ok(nmp_sim_step(sim.handle, 2));
+      ok(nmp_sim_set_external_forces(sim.handle, nullptr, 0));
+      if (failing) {
+        host.fail = true;
+        CHECK(nmp_sim_step(sim.handle, 1) == NMP_ERROR_CALLBACK);
+        host.fail = false;
+      }
+      ok(nmp_grad_add_loss(sim.handle, nullptr, bar.data(), cube.n()));
+      ok(nmp_grad_backward(sim.handle));
+      gradients.emplace_back(cube.n());
+      ok(nmp_grad_get(sim.handle, NMP_GRAD_X0, 0, gradients.back().data(), cube.n()));
+    }
+    CHECK(gradients[0] == gradients[1]);
+  }
+
   TEST_CASE("a loss may be added and differentiated again") {
     const Cube cube(2);
     const MadeSim sim(cube, analytic_desc());

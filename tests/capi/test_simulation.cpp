@@ -167,6 +167,37 @@ TEST_SUITE("capi/simulation") {
     }
   }
 
+  TEST_CASE("under forces, a state that is read and written, or recorded, is the same state") {
+    const Cube cube(3);
+    const LoadedModel model;
+    const Buffer v0 = moving(cube.n());
+    Buffer push(cube.n(), 0);
+    for (std::size_t i = 0; i < push.size(); i += 3) push[i] = 50;
+    const auto end = [&](const std::function<void(const MadeSim&)>& between) {
+      const MadeSim sim(cube, neural_desc(), model.handle);
+      ok(nmp_sim_set_state(sim.handle, nullptr, v0.data(), cube.n()));
+      ok(nmp_sim_set_external_forces(sim.handle, push.data(), cube.n()));
+      for (int k = 0; k < 5; ++k) {
+        ok(nmp_sim_step(sim.handle, 1));
+        between(sim);
+      }
+      return sim.x();
+    };
+    const Buffer plain = end([](const MadeSim&) {});
+    const Buffer written = end([&](const MadeSim& sim) {
+      const Buffer x = sim.x(), v = sim.v();
+      ok(nmp_sim_set_state(sim.handle, x.data(), v.data(), cube.n()));
+    });
+    const Buffer recorded = end([](const MadeSim& sim) {
+      ok(nmp_grad_begin(sim.handle, 0));
+      ok(nmp_grad_end(sim.handle));
+    });
+    for (std::size_t i = 0; i < plain.size(); ++i) {  // a force that is forgotten: 2e-6 m
+      CHECK(std::abs(written[i] - plain[i]) < 1e-13);
+      CHECK(std::abs(recorded[i] - plain[i]) < 1e-13);
+    }
+  }
+
   TEST_CASE("planes keep a body in, a normal's length does not count") {
     const Cube cube(3);
     const MadeSim sim(cube, analytic_desc());
@@ -342,22 +373,48 @@ TEST_SUITE("capi/simulation") {
     CHECK(std::string(nmp_last_error()).find("inverted") != std::string::npos);
   }
 
+  TEST_CASE("the vertices of a file keep their numbers where loading has dropped some") {
+    const Cube cube(2);
+    std::vector<std::int32_t> numbers(8), wanted{0, 1, 2, 3, 4, 5, 6, 7};
+    ok(nmp_mesh_file_vertices(cube.handle, numbers.data(), 8));
+    CHECK(numbers == wanted);
+    std::ofstream node("loose.node"), ele("loose.ele");
+    node << "6 3 0 0\n0 9 9 9\n1 0 0 0\n2 1 0 0\n3 7 7 7\n4 0 1 0\n5 0 0 1\n";
+    ele << "1 4 0\n0 1 2 4 5\n";
+    node.close();
+    ele.close();
+    nmp_mesh* mesh = nullptr;
+    ok(nmp_mesh_load("loose.node", nullptr, &mesh));
+    numbers.resize(4);
+    ok(nmp_mesh_file_vertices(mesh, numbers.data(), 4));
+    CHECK(numbers == std::vector<std::int32_t>{1, 2, 4, 5});
+    Buffer x(12);
+    ok(nmp_mesh_vertices(mesh, x.data(), 12));
+    CHECK(x == Buffer{0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1});
+    ok(nmp_mesh_free(mesh));
+    for (const char* file : {"loose.node", "loose.ele"}) std::filesystem::remove(file);
+  }
+
   TEST_CASE("threads share a mesh and a model; what is in use outlives its handle") {
     auto cube = std::make_unique<Cube>(3);
     auto model = std::make_unique<LoadedModel>();
     std::vector<std::unique_ptr<MadeSim>> sims;
-    for (int i = 0; i < 4; ++i)
+    for (int i = 0; i < 5; ++i)
       sims.push_back(std::make_unique<MadeSim>(*cube, neural_desc(), model->handle));
     model.reset();
     cube.reset();
+    ok(nmp_sim_step(sims[0]->handle, 30));  // by itself
     std::vector<std::thread> threads;
-    for (const auto& sim : sims)
-      threads.emplace_back([&sim] {
-        for (int k = 0; k < 30; ++k)
-          if (nmp_sim_step(sim->handle, 1) != NMP_OK) return;
+    std::vector<nmp_status> ends(sims.size(), NMP_OK);
+    for (std::size_t i = 1; i < sims.size(); ++i)
+      threads.emplace_back([&sim = *sims[i], &end = ends[i]] {
+        for (int k = 0; k < 30 && end == NMP_OK; ++k) end = nmp_sim_step(sim.handle, 1);
       });
     for (std::thread& thread : threads) thread.join();
-    for (const auto& sim : sims) CHECK(sim->saved() == sims.front()->saved());
+    for (std::size_t i = 1; i < sims.size(); ++i) {
+      CHECK(ends[i] == NMP_OK);
+      CHECK(sims[i]->saved() == sims[0]->saved());
+    }
   }
 
   TEST_CASE("ten thousand lives of a simulation leave no memory behind (LB5)") {
