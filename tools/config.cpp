@@ -55,7 +55,7 @@ void add_config(CLI::App& app) {
   config.require_subcommand(1);
   const auto o = std::make_shared<Options>();
 
-  CLI::App& all = common::add_command(config, "list", "Their names", "",
+  CLI::App& all = common::add_command(config, "list", "Print their names", "",
                                       {"nmp config list", "nmp config list --json"});
   common::add_json(all, o->flags);
   all.callback([o] { list(*o); });
@@ -63,14 +63,17 @@ void add_config(CLI::App& app) {
   CLI::App& scene =
       common::add_command(config, "scene", "Print a scene, as 'nmp data gen' reads it", "",
                           {"nmp config scene cube > cube.toml"});
-  scene.add_option("NAME", o->name, "One that ships: " + joined(shipped_scene_names()))->required();
+  scene.add_option("NAME", o->name, "A scene that ships")
+      ->type_name(common::alternatives(shipped_scene_names()))
+      ->required();
   scene.callback(
       [o] { show(o->name, find_shipped_scene(o->name), "scene", shipped_scene_names()); });
 
   CLI::App& train = common::add_command(config, "train",
                                         "Print a training configuration, as 'nmp train' reads it",
                                         "", {"nmp config train fast > fast.toml"});
-  train.add_option("NAME", o->name, "One that ships: " + joined(shipped_config_names()))
+  train.add_option("NAME", o->name, "A configuration that ships")
+      ->type_name(common::alternatives(shipped_config_names()))
       ->required();
   train.callback([o] {
     show(o->name, find_shipped_config(o->name), "training configuration", shipped_config_names());

@@ -17,6 +17,7 @@
 #include "nmp/dataset_summary.h"
 #include "nmp/dataset_verify.h"
 #include "nmp/scene.h"
+#include "nmp/shipped.h"
 
 namespace nmp {
 namespace {
@@ -26,6 +27,8 @@ using Json = nlohmann::ordered_json;
 struct Options {
   std::string scene;   // gen: a file, or the name of one that ships
   std::string mesh;    // gen: a mesh file instead of the scene's body
+  std::string scale;   // gen: metres in a unit of that file; empty: what the scene says
+  std::string up;      // gen: its axis that points up, "y" or "z"; empty: what the scene says
   std::string meshes;  // gen: one more folder to look for it in
   std::string folder;  // of the dataset
   common::Flags flags;
@@ -34,6 +37,8 @@ struct Options {
 // The scene that was named; for a mesh alone every default, by the mesh's name.
 Scene make_scene(const Options& o) {
   std::vector<std::string> set = o.flags.set;
+  if (!o.scale.empty()) set.push_back("mesh.scale=" + o.scale);
+  if (!o.up.empty()) set.push_back("mesh.up=" + toml_string(o.up));
   if (!o.mesh.empty()) set.push_back("mesh.file=" + toml_string(o.mesh));
   if (o.scene.empty() && o.mesh.empty()) {
     throw ConfigError("nmp data gen: expected a SCENE, --mesh FILE or both, found neither");
@@ -72,9 +77,11 @@ void gen(const Options& o) {
                      {"validation", n_validation}, {"frames", m.frames},    {"h", m.h},
                      {"n_vertices", m.n_vertices}, {"n_tets", m.n_tets},    {"seed", m.seed}};
   common::print(o.flags.json ? common::dump(json) + "\n"
-                             : text(o.folder, ": ", n_train, " training and ", n_validation,
-                                    " validation trajectories of ", m.frames, " frames, ",
-                                    m.n_vertices, " vertices, ", m.n_tets, " tetrahedra\n"));
+                             : text(o.folder, ": ", n_train, " training and ",
+                                    common::count(n_validation, "validation trajectory",
+                                                  "validation trajectories"),
+                                    " of ", m.frames, " frames, ", m.n_vertices, " vertices, ",
+                                    m.n_tets, " tetrahedra\n"));
 }
 
 void info(const Options& o) {
@@ -108,8 +115,9 @@ void verify(const Options& o) {
       text(o.folder, ": ", check.problems.size(),
            check.problems.size() == 1 ? " problem" : " problems", " in ", check.n_files, " files",
            std::filesystem::exists(Path(o.folder) / "scene.toml")
-               ? "; nmp data gen " + o.folder + "/scene.toml -o " + o.folder +
-                     " makes again what is missing or has another checksum, with --force all"
+               ? "; 'nmp data gen " + o.folder + "/scene.toml -o " + o.folder +
+                     "' makes again what is missing or has another checksum; with --force it makes "
+                     "everything again"
                : ""));
 }
 
@@ -125,19 +133,29 @@ void add_data(CLI::App& app) {
   CLI::App& make = common::add_command(
       data, "gen", "Simulate a scene's trajectories and write them as a dataset",
       "A folder that was made from the same scene is continued. With --mesh the scene's body is "
-      "the mesh of that file, checked and repaired; without SCENE it falls on the ground as the "
-      "cube does.",
+      "the\n"
+      "mesh of that file, checked and repaired; without SCENE it falls on the ground as the cube "
+      "does.",
       {"nmp data gen cube -o data/cube",
        "nmp data gen cube -o data/soft --set material.E=2e5 --set time.frames=200",
        "nmp data gen my_scene.toml -o data/mine --seed 7",
-       "nmp data gen --mesh body.msh -o data/body --set mesh.scale=0.001",
+       "nmp data gen --mesh body.msh -o data/body --scale 0.001 --up y",
        "nmp data gen --mesh body.msh -o data/held --set contact.ground=none --set "
        "'pins.boxes=[[-1, -1, 0.9, 1, 1, 1]]'"});
-  make.add_option("SCENE", o->scene,
-                  "A TOML file, or the name of a scene that ships (nmp config list)");
-  make.add_option("--mesh", o->mesh, "A mesh file as the body: .msh, .node, .ele, .vtk or .vtu")
-      ->type_name("FILE");
-  make.add_option("--meshes", o->meshes, "A folder where mesh files are looked for, last")
+  make.add_option("SCENE", o->scene, "A TOML file, or the name of a scene that ships")
+      ->type_name(common::alternatives(shipped_scene_names()) + "|FILE");
+  CLI::Option* mesh =
+      make.add_option("--mesh", o->mesh, "A mesh file as the body: .msh, .node, .ele, .vtk or .vtu")
+          ->type_name("FILE");
+  make.add_option("--scale", o->scale, "Metres in a unit of the mesh file, 0.001 for millimetres")
+      ->type_name("S")
+      ->needs(mesh)
+      ->check(common::real_number(1e-15, 1e15));
+  common::one_of(
+      make.add_option("--up", o->up, "Axis of the mesh file that points up; y is turned to z"),
+      {"y", "z"})
+      ->needs(mesh);
+  make.add_option("--meshes", o->meshes, "A further folder where mesh files are looked for")
       ->type_name("DIR")
       ->envname("NMP_MESHES");
   make.add_option("-o,--output", o->folder, "Folder of the dataset")->type_name("DIR")->required();
@@ -159,9 +177,10 @@ void add_data(CLI::App& app) {
   look.callback([o] { info(*o); });
 
   CLI::App& prove = common::add_command(
-      data, "verify", "Read every byte of a dataset and tell all that is wrong with it",
-      "Formats, shapes, checksums, finite values, pinned vertices, elements inside out, and that\n"
-      "frames follow each other. Exit code 3 if anything is wrong.",
+      data, "verify", "Read every byte of a dataset and list all that is wrong with it",
+      "Checks formats, shapes, checksums, finite values, pinned vertices, elements inside out, "
+      "and\n"
+      "that frames follow each other. Exit code 3 if anything is wrong.",
       {"nmp data verify data/cube", "nmp data verify data/cube --json"});
   prove.add_option("DIR", o->folder, "Folder of the dataset")->required();
   common::add_json(prove, o->flags);

@@ -1,14 +1,16 @@
 // nmp data import: another program's motions as a dataset.
-//   nmp data import run0.pvd run1.pvd --validation run2.pvd --gravity 0,0,-9.8 --ground 0 -o
-//   data/mine nmp data import run.pvd --displacement solution --weld --scene held.toml -o data/held
+//   nmp data import a.pvd b.pvd --validation c.pvd --gravity 0,0,-9.8 --ground 0 -o data/mine
+//   nmp data import run.pvd --displacement solution --weld --scene held.toml -o data/held
 
 #include <algorithm>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "common.h"
+#include "fem/material.h"
 #include "nmp/config.h"
 #include "nmp/data_import.h"
+#include "nmp/shipped.h"
 
 namespace nmp {
 namespace {
@@ -23,6 +25,15 @@ struct Options {
   common::Flags flags;
 };
 
+// "0,0,-9.8" as a scene has it. Whether these are numbers is for the scene to say.
+std::string gravity_in_a_scene(const std::string& words) {
+  if (words.empty() || words[0] == '[') return words;
+  const auto n = std::count(words.begin(), words.end(), ',') + 1;
+  if (n != 3)
+    throw ConfigError("--gravity: expected X,Y,Z, found " + common::count(n, "number", "numbers"));
+  return "[" + words + "]";
+}
+
 // What is known of the body and its surroundings, as a scene says it.
 Scene read_known(const Options& o, bool& law_known) {
   std::vector<std::string> set = o.flags.set;
@@ -33,7 +44,7 @@ Scene read_known(const Options& o, bool& law_known) {
   add("material.E", o.E);
   add("material.nu", o.nu);
   add("material.density", o.density);
-  add("gravity", o.gravity.empty() || o.gravity[0] == '[' ? o.gravity : "[" + o.gravity + "]");
+  add("gravity", gravity_in_a_scene(o.gravity));
   add("contact.ground", o.ground);
   const auto told = [&](const std::string& key) {
     return std::any_of(set.begin(), set.end(), [&](const std::string& each) {
@@ -87,12 +98,17 @@ void run(const Options& o) {
                      {"n_vertices", m.n_vertices},
                      {"n_tets", m.n_tets},
                      {"n_pinned", m.physics.pinned.size()}};
-  common::print(o.flags.json
-                    ? common::dump(json) + "\n"
-                    : text(o.folder, ": ", m.train.size(), " training and ", m.validation.size(),
-                           " validation trajectories of ", m.frames, " frames of ", m.h, " s, ",
-                           m.n_vertices, " vertices, ", m.n_tets, " tetrahedra, ",
-                           m.physics.pinned.size(), " pinned\n"));
+  common::print(
+      o.flags.json ? common::dump(json) + "\n"
+                   : text(o.folder, ": ", m.train.size(), " training and ",
+                          common::count(static_cast<Index>(m.validation.size()),
+                                        "validation trajectory", "validation trajectories"),
+                          " of ", m.frames, " frames of ", m.h, " s, ", m.n_vertices, " vertices, ",
+                          m.n_tets, " tetrahedra, ", m.physics.pinned.size(), " pinned\n"));
+  if (m.validation.empty())
+    common::note(
+        "note: there is no validation trajectory, which eval, report, rollout and view take unless "
+        "told otherwise: import again with --validation PVD and --force");
 }
 
 }  // namespace
@@ -100,11 +116,11 @@ void run(const Options& o) {
 void add_data_import(CLI::App& data) {
   CLI::App& command = common::add_command(
       data, "import", "Make a dataset of another program's ParaView collections",
-      "Each .pvd is a trajectory: VTU files (or .vtm) of the same tetrahedra at equal times. SI "
-      "units\n"
-      "and z up, else --scale and --up. The shape at rest is --rest, or rest.vtu beside the "
-      "frames,\n"
-      "or the first frame's points. What is known is told by options or by a scene's keys (--set).",
+      "Each .pvd is a trajectory: VTU files (or .vtm) of the same tetrahedra at equal intervals. "
+      "Units\n"
+      "are SI and z is up, unless --scale and --up say otherwise. The shape at rest is --rest, or\n"
+      "rest.vtu beside the frames, or the first frame's points. What is known of the body and its\n"
+      "surroundings is given by options or by a scene's keys (--set).",
       {"nmp data import a.pvd b.pvd --validation c.pvd --gravity 0,0,-9.8 --ground 0 -o data/mine",
        "nmp data import run.pvd --displacement solution --weld --scene held.toml -o data/held",
        "nmp data import run.pvd --gravity 0,0,0 --ground none --resample 5e-4 --density 1100 -o "
@@ -121,14 +137,14 @@ void add_data_import(CLI::App& data) {
       ->type_name("FILE");
   command
       .add_option("--displacement", o->import.displacement,
-                  "Point data that are added to the points, which are those at rest")
+                  "Point data to be added to the points, which are those at rest")
       ->type_name("NAME");
   command.add_option("--scale", o->import.scale, "Metres in a unit of the files")
       ->type_name("S")
       ->check(CLI::Range(1e-15, 1e15).description(""));
-  command.add_option("--up", o->up, "Axis of the files that points up; y is turned to z")
-      ->type_name("y|z")
-      ->check(CLI::IsMember({"y", "z"}).description(""));
+  common::one_of(
+      command.add_option("--up", o->up, "Axis of the files that points up; y is turned to z"),
+      {"y", "z"});
   command.add_flag("--weld", o->import.weld,
                    "Join vertices at the same place at rest, where each tet has its own");
   command
@@ -136,14 +152,15 @@ void add_data_import(CLI::App& data) {
                   "Seconds between frames of the dataset, by cubics through the files'")
       ->type_name("S")
       ->check(common::real_number(1e-12, 1e6));
-  command.add_option("--scene", o->scene, "A scene file that tells body and surroundings")
-      ->type_name("FILE");
-  command.add_option("--law", o->law, "The law of the data: neo-hookean, stvk, projective")
-      ->type_name("LAW");
+  command.add_option("--scene", o->scene, "A scene that describes body and surroundings")
+      ->type_name(common::alternatives(shipped_scene_names()) + "|FILE");
+  command.add_option("--law", o->law, "The law of the data")
+      ->type_name(common::alternatives(fem::law_names()));
   command.add_option("--E", o->E, "Its Young's modulus")->type_name("PA");
   command.add_option("--nu", o->nu, "Its Poisson's ratio")->type_name("NU");
-  command.add_option("--density", o->density, "Of the body; unknown: 1000")->type_name("KG/M3");
-  command.add_option("--gravity", o->gravity, "Acceleration as --up turns it: 0,0,-9.8 is down")
+  command.add_option("--density", o->density, "Density of the body (default: 1000)")
+      ->type_name("KG/M3");
+  command.add_option("--gravity", o->gravity, "Acceleration, after --up: 0,0,-9.8 is down")
       ->type_name("X,Y,Z");
   command
       .add_option("--ground", o->ground, "Height z of the ground, after --up and --scale, or none")

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "common.h"
+#include "fem/material.h"
 #include "nmp/identify.h"
 
 namespace nmp {
@@ -50,27 +51,27 @@ void add_fit(CLI::App& app) {
       app, "fit", "Find physical parameters from recorded positions",
       "An explicit simulator is rolled out over short segments of the training trajectories, and\n"
       "its parameters follow the gradient of the error through every step. Velocities and forces\n"
-      "of the recording are not read. The +- is what the scatter of the segments leaves open and\n"
-      "what halving the step would change; it knows nothing of a law that is the wrong one. "
-      "What is not\n"
-      "fitted is the recording's, friction and drag 0, unless --guess says otherwise.",
+      "of the recording are not read. The +- is the uncertainty from the scatter of the segments\n"
+      "and from the size of the step; it does not include the error of a wrong law. Parameters "
+      "that\n"
+      "are not fitted are the recording's, friction and drag 0, unless --guess says otherwise.",
       {"nmp fit --params E,nu --data data/cube",
        "nmp fit --params E,nu,friction --data data/friction --guess E=3e5,nu=0.4 --length 200",
        "nmp fit --params drag,wind --data data/windy --json > fit.json"});
   const auto o = std::make_shared<Options>();
   fit.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
   fit.add_option("--params", o->identify.params,
-                 "Of E, nu, density, friction, drag, wind (default: E,nu)")
+                 "What to find, of E, nu, density, friction, drag, wind")
       ->type_name("NAME,...")
       ->delimiter(',')
       ->allow_extra_args(false);
-  fit.add_option("--guess", o->guess, "Where to begin, and what is held: E=1e5,nu=0.4,density=1000")
+  fit.add_option("--guess", o->guess,
+                 "Where to begin, and values of what is not fitted: E=1e5,nu=0.4,density=1000")
       ->type_name("NAME=VALUE,...")
       ->delimiter(',')
       ->allow_extra_args(false);
-  fit.add_option("--law", o->identify.law,
-                 "neo-hookean, stvk or projective (default: the dataset's, or neo-hookean)")
-      ->type_name("NAME");
+  fit.add_option("--law", o->identify.law, "The law (default: the dataset's, or neo-hookean)")
+      ->type_name(common::alternatives(fem::law_names()));
   fit.add_option("--segments", o->identify.segments, "Segments that are simulated")
       ->type_name("N")
       ->check(common::whole_number(1, 100'000))
@@ -79,7 +80,7 @@ void add_fit(CLI::App& app) {
       ->type_name("N")
       ->check(common::whole_number(1, 100'000'000))
       ->capture_default_str();
-  fit.add_option("--iterations", o->identify.max_iterations, "At most so many")
+  fit.add_option("--iterations", o->identify.max_iterations, "At most so many iterations")
       ->type_name("N")
       ->check(common::whole_number(1, 100'000))
       ->capture_default_str();

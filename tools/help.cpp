@@ -3,6 +3,8 @@
 //   nmp help formats | less
 //   source <(nmp completion bash)
 
+#include <algorithm>
+#include <cctype>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -57,36 +59,95 @@ void show_page(const std::string& topic) {
   common::print(for_terminal(page));
 }
 
-// Of a command and those below it, what may follow: "data gen) words='...' ;;".
-std::string cases(const CLI::App& app, const std::string& name) {
-  std::string words;
-  const auto add = [&](const std::string& word) { words += (words.empty() ? "" : " ") + word; };
-  std::string below;
-  for (const CLI::App* command : app.get_subcommands({})) {
-    add(command->get_name());
-    below += cases(*command, name + (name.empty() ? "" : " ") + command->get_name());
+// The words that a value may be, from the name of its type: "y z" of "y|z" and of "TEXT:{y,z}",
+// "cube spot" of "cube|spot|FILE".
+std::string value_words(const CLI::Option& option) {
+  std::string type = option.get_type_name();
+  if (const std::size_t brace = type.find('{'); brace != std::string::npos) {
+    type = type.substr(brace + 1, type.find('}') - brace - 1);
+    std::replace(type.begin(), type.end(), ',', '|');
   }
-  for (const CLI::Option* option : app.get_options())
-    for (const std::string& option_name : option->get_lnames()) add("--" + option_name);
-  return "    '" + name + "') words='" + words + "' ;;\n" + below;
+  std::istringstream alternatives(type);
+  std::string words;
+  for (std::string word; std::getline(alternatives, word, '|');)
+    if (!word.empty() && std::islower(static_cast<unsigned char>(word[0])))
+      words += (words.empty() ? "" : " ") + word;
+  return words;
 }
 
+// A branch of _nmp_words below.
+std::string branch(const std::string& patterns, const std::string& words,
+                   const std::string& options) {
+  return "    " + patterns + ") words='" + words + "'" +
+         (options.empty() ? "" : " options='" + options + "'") + " ;;\n";
+}
+
+// Of a command and those below it: "data gen" itself, what each of its options takes ("data gen
+// --seed"; none of a flag), and its arguments ("data gen #1").
+std::string branches(const CLI::App& app, const std::string& name) {
+  std::string commands, options, below;
+  const auto add = [](std::string& list, const std::string& word) {
+    list += (list.empty() ? "" : " ") + word;
+  };
+  const std::string before = name.empty() ? "" : name + " ";
+  for (const CLI::App* command : app.get_subcommands({})) {
+    add(commands, command->get_name());
+    below += branches(*command, before + command->get_name());
+  }
+  Index n_arguments = 0;
+  for (const CLI::Option* option : app.get_options()) {
+    std::string patterns;
+    const auto add_pattern = [&](const std::string& word) {
+      patterns += (patterns.empty() ? "'" : " | '") + before + word + "'";
+    };
+    for (const std::string& each : option->get_lnames()) add(options, "--" + each);
+    if (option->get_items_expected_max() == 0) continue;  // a flag
+    if (option->get_positional()) add_pattern(text("#", ++n_arguments));
+    for (const std::string& each : option->get_lnames()) add_pattern("--" + each);
+    for (const std::string& each : option->get_snames()) add_pattern("-" + each);
+    below += branch(patterns, value_words(*option), "");
+  }
+  return branch("'" + name + "'", commands, options) + below;
+}
+
+// Options are offered for words that begin with a dash, else what the place takes; where none of
+// that fits, the shell completes files and folders.
 std::string completion_for(const std::string& shell, const CLI::App& root) {
   return "# Completion of nmp for " + shell + ": source <(nmp completion " + shell + ")\n" +
          (shell == "zsh" ? "autoload -U +X bashcompinit && bashcompinit\n" : "") +
          "_nmp_words() {\n"
+         "  words='' options=''\n"
          "  case \"$1\" in\n" +
-         cases(root, "") +
+         branches(root, "") +
          "    *) return 1 ;;\n"
          "  esac\n"
          "}\n"
          "_nmp() {\n"
-         "  local words='' known='' command='' i word=${COMP_WORDS[COMP_CWORD]}\n"
+         "  local words='' options='' command='' last='' each i arguments=0\n"
+         "  local word=${COMP_WORDS[COMP_CWORD]}\n"
          "  for ((i = 1; i < COMP_CWORD; ++i)); do\n"
-         "    _nmp_words \"$command${command:+ }${COMP_WORDS[i]}\" || break\n"
-         "    command+=\"${command:+ }${COMP_WORDS[i]}\"\n"
+         "    each=${COMP_WORDS[i]}\n"
+         "    if [ \"$each\" = '=' ]; then\n"
+         "      last=${last:-=}\n"  // bash splits --split=val and time.frames=20 into three words
+         "    elif [ -n \"$last\" ]; then\n"
+         "      last=''\n"
+         "    elif [ \"${each#-}\" != \"$each\" ]; then\n"
+         "      if _nmp_words \"$command${command:+ }$each\"; then last=$each; fi\n"
+         "    elif [ $arguments = 0 ] && _nmp_words \"$command${command:+ }$each\"; then\n"
+         "      command=\"$command${command:+ }$each\"\n"
+         "    else\n"
+         "      arguments=$((arguments + 1))\n"
+         "    fi\n"
          "  done\n"
-         "  _nmp_words \"$command\"\n"
+         "  if [ \"$word\" = '=' ]; then word=''; fi\n"
+         "  if [ -n \"$last\" ]; then\n"
+         "    _nmp_words \"$command${command:+ }$last\"\n"
+         "  elif [ \"${word#-}\" != \"$word\" ]; then\n"
+         "    _nmp_words \"$command\"\n"
+         "    words=$options\n"
+         "  elif ! _nmp_words \"$command${command:+ }#$((arguments + 1))\"; then\n"
+         "    _nmp_words \"$command\"\n"
+         "  fi\n"
          "  COMPREPLY=($(compgen -W \"$words\" -- \"$word\"))\n"
          "}\n"
          "complete -o default -F _nmp nmp\n";
@@ -95,19 +156,18 @@ std::string completion_for(const std::string& shell, const CLI::App& root) {
 }  // namespace
 
 void add_help(CLI::App& app) {
-  CLI::App& help = common::add_command(app, "help", "Pages of the documentation",
-                                       "Without a topic it names those that there are.",
-                                       {"nmp help", "nmp help formats"});
+  CLI::App& help =
+      common::add_command(app, "help", "Print a page of the documentation",
+                          "Without a topic it lists the pages.", {"nmp help", "nmp help formats"});
   const auto topic = std::make_shared<std::string>();
-  help.add_option("topic", *topic, "Name of a page")->type_name("TOPIC");
+  help.add_option("TOPIC", *topic, "Name of a page")->type_name(common::alternatives(doc_names()));
   help.callback([topic] { show_page(*topic); });
 
   CLI::App& completion = common::add_command(
-      app, "completion", "What a shell's Tab key needs to know", "",
+      app, "completion", "Print what a shell needs to complete nmp's command lines", "",
       {"source <(nmp completion bash)", "nmp completion bash > /etc/bash_completion.d/nmp"});
   const auto shell = std::make_shared<std::string>("bash");
-  completion.add_option("shell", *shell, "Which shell")
-      ->check(CLI::IsMember({"bash", "zsh"}))
+  common::one_of(completion.add_option("SHELL", *shell, "Which shell"), {"bash", "zsh"})
       ->required();
   completion.callback([&app, shell] { common::print(completion_for(*shell, app)); });
 }

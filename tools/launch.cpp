@@ -1,5 +1,8 @@
 #include "launch.h"
 
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
 #include <unistd.h>
 
 #include <cstdlib>
@@ -15,11 +18,22 @@ namespace {
 constexpr const char* kLevel = NMP_LEVEL;
 constexpr const char* kChooser = "x86-64";
 
+#if defined(__x86_64__)
+// What x86-64-v3 has and __builtin_cpu_supports of some compilers does not know. A processor
+// without LZCNT runs it as another instruction, with another result.
+bool has_lzcnt_movbe_f16c() {
+  unsigned a = 0, b = 0, c = 0, d = 0, c_extended = 0;
+  return __get_cpuid(1, &a, &b, &c, &d) && __get_cpuid(0x80000001, &a, &b, &c_extended, &d) &&
+         (c & bit_MOVBE) && (c & bit_F16C) && (c_extended & bit_LZCNT);
+}
+#endif
+
 bool runs_here(const std::string& level) {
 #if defined(__x86_64__)
   __builtin_cpu_init();
   const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
-                  __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+                  __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2") &&
+                  has_lzcnt_movbe_f16c();
   if (level == "x86-64-v3") return v3;
   if (level == "x86-64-v4")
     return v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
@@ -45,7 +59,7 @@ std::string best_program() {
       throw ConfigError("NMP_CPU is " + in_quotes(level) +
                         ", expected x86-64, x86-64-v3 or x86-64-v4");
     if (!runs_here(level))
-      throw ConfigError("NMP_CPU asks for " + level + ", which this processor is not");
+      throw ConfigError("NMP_CPU asks for " + level + ", which this processor does not support");
     const std::string program = program_of(level);
     if (program.empty())
       throw ConfigError("NMP_CPU asks for " + level + ", which is not installed beside nmp");

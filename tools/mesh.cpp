@@ -96,8 +96,9 @@ const char* word(fem::MeshRule rule) {
 }
 
 // What was found, as lines for people and as a list for programs.
+// @param repaired  a repaired file is written
 template <class Findings>
-Json list_findings(const Findings& findings, const std::vector<std::string>& notes,
+Json list_findings(const Findings& findings, const std::vector<std::string>& notes, bool repaired,
                    std::string& lines) {
   Json list = Json::array();
   for (const auto& finding : findings.all) {
@@ -107,11 +108,18 @@ Json list_findings(const Findings& findings, const std::vector<std::string>& not
                     {"count", finding.count},
                     {"first", finding.first},
                     {"text", fem::describe(finding)}});
-    lines += std::string(rule) + ": " + fem::describe(finding) + "\n";
+    const bool could_be = fem::rule(finding.defect) == fem::MeshRule::repair && !repaired;
+    lines += std::string(could_be ? "can be repaired (--fix OUT)" : rule) + ": " +
+             fem::describe(finding) + "\n";
   }
   for (const std::string& note : notes) lines += "note: " + note + "\n";
   if (findings.all.empty()) lines += "nothing wrong\n";
   return list;
+}
+
+void tell_written(const std::string& file, Json& json, std::string& lines) {
+  json["output"] = file;
+  lines += file + ": written\n";
 }
 
 void check_surface(const Options& o, std::size_t ids) {
@@ -125,18 +133,19 @@ void check_surface(const Options& o, std::size_t ids) {
   std::vector<std::string> notes = raw.notes;
   notes.insert(notes.end(), findings.notes.begin(), findings.notes.end());
   std::string lines;
-  const Json list = list_findings(findings, notes, lines);
-  const Json json = {{"file", o.in.file},
-                     {"n_vertices", raw.vertices.rows()},
-                     {"n_triangles", raw.triangles.rows()},
-                     {"n_parts", findings.n_parts},
-                     {"area", findings.area},
-                     {"volume", findings.volume},
-                     {"openness", findings.openness},
-                     {"closed", !findings.refused() && findings.closed()},
-                     {"usable", !findings.refused()},
-                     {"findings", list},
-                     {"notes", notes}};
+  const bool fix = !o.out.empty() && !findings.refused();
+  const Json list = list_findings(findings, notes, fix, lines);
+  Json json = {{"file", o.in.file},
+               {"n_vertices", raw.vertices.rows()},
+               {"n_triangles", raw.triangles.rows()},
+               {"n_parts", findings.n_parts},
+               {"area", findings.area},
+               {"volume", findings.volume},
+               {"openness", findings.openness},
+               {"closed", !findings.refused() && findings.closed()},
+               {"usable", !findings.refused()},
+               {"findings", list},
+               {"notes", notes}};
   if (!findings.refused()) {
     const Vec3<double> size =
         (raw.vertices.colwise().maxCoeff() - raw.vertices.colwise().minCoeff()).transpose();
@@ -147,9 +156,12 @@ void check_surface(const Options& o, std::size_t ids) {
     if (!(size.maxCoeff() <= 100 && size.maxCoeff() >= 1e-3))
       lines += "warning: if the file is not in metres set the scale (--scale S)\n";
   }
+  if (fix) {
+    fem::write_surface(o.out, fem::repair(raw, o.in.file).surface, o.binary);
+    tell_written(o.out, json, lines);
+  }
   common::print(o.flags.json ? common::dump(json) + "\n" : lines);
   if (findings.refused()) throw InputError(printable(o.in.file) + ": cannot be filled as it is");
-  if (!o.out.empty()) fem::write_surface(o.out, fem::repair(raw, o.in.file).surface, o.binary);
 }
 
 void check(const Options& o) {
@@ -161,19 +173,23 @@ void check(const Options& o) {
   const fem::RawMesh raw = read(o);
   const fem::MeshFindings findings = fem::check_mesh(raw, ids);
   std::string lines;
-  const Json list = list_findings(findings, raw.notes, lines);
-  const Json json = {{"file", o.in.file},
-                     {"n_vertices", raw.vertices.rows()},
-                     {"n_tets", raw.tets.rows()},
-                     {"n_parts", findings.n_parts},
-                     {"usable", !findings.refused()},
-                     {"findings", list},
-                     {"notes", raw.notes}};
+  const bool fix = !o.out.empty() && !findings.refused();
+  const Json list = list_findings(findings, raw.notes, fix, lines);
+  Json json = {{"file", o.in.file},
+               {"n_vertices", raw.vertices.rows()},
+               {"n_tets", raw.tets.rows()},
+               {"n_parts", findings.n_parts},
+               {"usable", !findings.refused()},
+               {"findings", list},
+               {"notes", raw.notes}};
+  if (fix) {
+    fem::write_mesh(o.out, fem::repair(raw, o.in.file).mesh, {o.binary, false});
+    tell_written(o.out, json, lines);
+  }
   common::print(o.flags.json ? common::dump(json) + "\n" : lines);
   if (findings.refused()) {
     throw InputError(printable(o.in.file) + ": cannot be simulated as it is");
   }
-  if (!o.out.empty()) fem::write_mesh(o.out, fem::repair(raw, o.in.file).mesh, {o.binary, false});
 }
 
 void convert_surface(const Options& o) {
@@ -242,9 +258,9 @@ void add_input(CLI::App& app, Input& input, const char* name, const char* what) 
   app.add_option("--scale", input.scale, "Metres in a unit of the file, 0.001 for millimetres")
       ->type_name("S")
       ->check(CLI::Range(1e-15, 1e15).description(""));
-  app.add_option("--up", input.up, "Axis of the file that points up; y is turned to z")
-      ->type_name("y|z")
-      ->check(CLI::IsMember({"y", "z"}).description(""));
+  common::one_of(
+      app.add_option("--up", input.up, "Axis of the file that points up; y is turned to z"),
+      {"y", "z"});
 }
 
 }  // namespace mesh_tool
@@ -261,8 +277,8 @@ void add_mesh(CLI::App& app) {
   const auto o = std::make_shared<Options>();
 
   CLI::App& look = common::add_command(
-      mesh, "info", "Counts, size, quality and the stable time step of a mesh",
-      "The time step is that of the default material, unpinned; it grows as 1/sqrt(E).",
+      mesh, "info", "Print counts, size, quality and the stable time step of a mesh",
+      "The time step is that of the default material, unpinned; it is proportional to 1/sqrt(E).",
       {"nmp mesh info body.msh", "nmp mesh info body.vtu --scale 0.001 --up y --json"});
   mesh_tool::add_input(look, o->in, "FILE", kMesh);
   look.add_flag("--no-step", o->no_step,
@@ -273,17 +289,20 @@ void add_mesh(CLI::App& app) {
 
   CLI::App& look_closer =
       common::add_command(mesh, "check", "Say what is wrong with a mesh, or with a surface",
-                          "'repaired' and 'warning' leave a mesh usable, and a surface one that "
-                          "'nmp mesh tet' takes; with "
-                          "'refused'\nthe exit code is 3.",
+                          "A mesh that 'can be repaired' is taken by 'nmp data gen', and such a "
+                          "surface by 'nmp mesh\n"
+                          "tet', which repair it themselves; so are those with a 'warning'. With "
+                          "'refused' the exit\n"
+                          "code is 3.",
                           {"nmp mesh check body.msh", "nmp mesh check body.vtk --all --json",
                            "nmp mesh check scan.stl --fix scan_fixed.ply"});
   mesh_tool::add_input(look_closer, o->in, "FILE", kMeshOrSurface);
-  look_closer.add_option("--ids", o->ids, "How many vertices or tets to name for each defect")
+  look_closer
+      .add_option("--ids", o->ids, "How many vertices, tets or triangles to list for each defect")
       ->type_name("N")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 31).description(""));
-  look_closer.add_flag("--all", o->all, "Name all of them");
-  look_closer.add_option("--fix", o->out, "Write the mesh or surface as it is after repair")
+  look_closer.add_flag("--all", o->all, "List all of them");
+  look_closer.add_option("--fix", o->out, "Write the repaired mesh or surface to this file")
       ->type_name("OUT");
   look_closer.add_flag("--binary", o->binary, "Write the binary form of the format");
   common::add_force(look_closer, o->flags);
@@ -292,14 +311,17 @@ void add_mesh(CLI::App& app) {
 
   CLI::App& change = common::add_command(
       mesh, "convert", "Write a mesh or a surface in another format, turned, scaled or repaired",
-      "The endings of the names say the formats.",
+      "The formats follow from the endings of the names.",
       {"nmp mesh convert body.vtu body.msh", "nmp mesh convert scan.obj scan.stl",
        "nmp mesh convert body.node body.vtu --up y --fix",
        "nmp mesh convert body.msh body_m.msh --scale 0.001 --binary"});
   mesh_tool::add_input(change, o->in, "IN", kMeshOrSurface);
-  change.add_option("OUT,-o,--output", o->out, "The file to write; of TetGen's pair either")
+  change
+      .add_option("OUT,-o,--output", o->out,
+                  "The file to write; for TetGen's pair either of the two")
+      ->type_name("FILE")
       ->required();
-  change.add_flag("--fix", o->fix, "Repair what 'nmp mesh check' calls repaired");
+  change.add_flag("--fix", o->fix, "Repair what 'nmp mesh check' says can be repaired");
   change.add_flag("--binary", o->binary, "Write the binary form of the format");
   change.add_flag("--gmsh2", o->gmsh2, "Write version 2.2 of Gmsh's format instead of 4.1");
   common::add_force(change, o->flags);

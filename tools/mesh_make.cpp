@@ -33,7 +33,18 @@ struct Options {
 };
 
 void refuse_to_overwrite_mesh(const Options& o) {
+  if (fem::is_surface_file(o.out))
+    throw ConfigError(in_quotes(o.out) +
+                      ": the output is a mesh of tetrahedra: expected .msh, .node or .ele, .vtk or "
+                      ".vtu, found the ending of a surface");
   for (const Path& file : fem::mesh_files(o.out)) refuse_to_overwrite(file, o.flags.force);
+}
+
+bool holds_tets(const Path& file) {
+  const std::string ending = file.extension().string();
+  for (const char* mesh : {".msh", ".node", ".ele", ".vtk", ".vtu"})
+    if (ending == mesh) return true;
+  return false;
 }
 
 Json quality_json(const fem::MeshQuality& q) {
@@ -66,6 +77,10 @@ void deliver(const Options& o, const fem::RawMesh& raw, Json json) {
 
 void tet(Options o) {
   refuse_to_overwrite_mesh(o);
+  if (holds_tets(o.in.file))
+    throw ConfigError(in_quotes(o.in.file) +
+                      ": expected a surface, .obj, .stl or .ply, found a mesh file: a mesh of "
+                      "tetrahedra goes to 'nmp data gen --mesh' as it is");
   if (o.mesher != "builtin") fem::find_mesher(o.mesher);  // before the work
   fem::RawSurface raw = fem::read_surface(o.in.file);
   o.in.place(raw.vertices);
@@ -131,11 +146,7 @@ void surface(const Options& o) {
   const fem::Surface skin = fem::extract_surface(repaired.mesh.tets);
   fem::RawSurface surface;
   surface.triangles = skin.triangles;
-  surface.vertices.resize(static_cast<Index>(skin.vertices.size()), 3);
-  for (Index v = 0; v < surface.vertices.rows(); ++v) {
-    surface.vertices.row(v) =
-        repaired.mesh.vertices.row(skin.vertices[static_cast<std::size_t>(v)]);
-  }
+  surface.vertices = on_surface(repaired.mesh.vertices, skin);
   fem::write_surface(o.out, surface, o.binary);
   print_surface(o.out, surface, o.flags);
 }
@@ -154,9 +165,9 @@ void add_tet(CLI::App& mesh) {
   const auto o = std::make_shared<Options>();
   CLI::App& app =
       common::add_command(mesh, "tet", "Fill a surface with tetrahedra",
-                          "Holes, crossing parts and turned triangles are coped with; what was "
-                          "found is said. A surface "
-                          "that\nencloses no body ends with exit code 3.",
+                          "Holes, crossings and flipped triangles are handled and reported. A "
+                          "surface that encloses no\n"
+                          "body is refused with exit code 3.",
                           {"nmp mesh tet body.stl -o body.msh",
                            "nmp mesh tet scan.ply -o scan.vtu --resolution 32 --scale 0.001 --up y",
                            "nmp mesh tet body.obj -o body.msh --mesher tetgen --size 0.05"});
@@ -170,19 +181,20 @@ void add_tet(CLI::App& mesh) {
           ->type_name("N")
           ->check(common::whole_number(1, 1 << 20))
           ->default_str("");
-  app.add_option("--vertices", o->fill.vertices, "About so many vertices, without the two above")
+  app.add_option("--vertices", o->fill.vertices,
+                 "About so many vertices, in place of the two above")
       ->type_name("N")
       ->check(common::whole_number(10, 10000000))
       ->excludes(size)
       ->excludes(resolution);
   size->excludes(resolution);
   app.add_flag("--largest", o->largest,
-               "Keep the largest part alone; else those of at least 1 % of its volume");
-  app.add_option("--mesher", o->mesher,
-                 "Who fills it: nmp itself, or a program that is installed, which follows the "
-                 "surface exactly but forgives nothing")
-      ->type_name("builtin|tetgen|gmsh")
-      ->check(CLI::IsMember({"builtin", "tetgen", "gmsh"}).description(""));
+               "Keep the largest part alone; otherwise all of at least 1 % of its volume");
+  common::one_of(app.add_option("--mesher", o->mesher,
+                                "What fills it: nmp itself, or another program that is installed; "
+                                "those keep the triangles of the surface, but take no holes or "
+                                "crossings"),
+                 {"builtin", "tetgen", "gmsh"});
   common::add_threads(app);
   add_output(app, *o, kMeshOut);
   app.callback([o] { tet(*o); });
@@ -192,15 +204,15 @@ void add_box(CLI::App& mesh) {
   const auto o = std::make_shared<Options>();
   CLI::App& app =
       common::add_command(mesh, "box", "Make a box of tetrahedra, centred at the origin",
-                          "Cells of five tetrahedra each, the same ones the scene 'cube' has.",
+                          "Each cell is five tetrahedra, as in the scene 'cube'.",
                           {"nmp mesh box -o beam.msh --size 1,0.1,0.1 --cells 40,4,4"});
-  app.add_option("--size", o->size, "Lengths of its edges in metres")
+  app.add_option("--size", o->size, "Lengths of the box's edges in metres")
       ->type_name("X,Y,Z")
       ->delimiter(',')
       ->expected(3)
       ->required()
       ->check(common::real_number(1e-100, 1e100));
-  app.add_option("--cells", o->cells, "Cells along them")
+  app.add_option("--cells", o->cells, "Numbers of cells along them")
       ->type_name("NX,NY,NZ")
       ->delimiter(',')
       ->expected(3)
@@ -214,7 +226,7 @@ void add_surface(CLI::App& mesh) {
   const auto o = std::make_shared<Options>();
   CLI::App& app = common::add_command(
       mesh, "surface", "Write the surface of a mesh",
-      "Triangles counter-clockwise seen from outside.",
+      "The triangles are counter-clockwise seen from outside.",
       {"nmp mesh surface body.msh -o body.ply", "nmp mesh surface body.msh -o body.stl --binary"});
   add_input(app, o->in, "IN", "Mesh: .msh (Gmsh), .node or .ele (TetGen), .vtk or .vtu");
   app.add_flag("--binary", o->binary, "Write the binary form of .stl or .ply");

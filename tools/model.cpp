@@ -71,14 +71,14 @@ void add_model(CLI::App& app) {
       common::add_command(model, "info", "Stiffness, density and gravity, from the weights alone",
                           "Young's modulus and Poisson's ratio of the learned law at rest, how far "
                           "it is from isotropic,\n"
-                          "and the density and gravity that the integrator has found. With --data "
-                          "the dataset's own beside\n"
-                          "them.",
+                          "and the density and gravity that the integrator has found. --data adds "
+                          "the dataset's own\n"
+                          "values.",
                           {"nmp model info models/bob.safetensors",
                            "nmp model info cube.safetensors --data data/cube --json"});
   const auto o = std::make_shared<Options>();
   command.add_option("MODEL", o->model, "File of the model")->required();
-  command.add_option("--data", o->data, "Folder of a dataset whose truth to show")
+  command.add_option("--data", o->data, "Folder of a dataset whose true values to show")
       ->type_name("DIR");
   common::add_json(command, o->flags);
   command.callback([o] { info(*o); });

@@ -3,9 +3,11 @@
 //   nmp train fast --data data/cube -o cube.safetensors
 //   nmp eval --model cube.safetensors --data data/cube
 // Exit codes: 0 done, 2 command line or configuration, 3 a file's content, 4 a simulation, training
-// or check that failed, 5 reading or writing, 6 memory, 1 anything else; 128 + n after signal n.
+// or check that failed, 5 reading or writing, 6 memory, 1 anything else; 128 + n after signal n,
+// 130 also after --max-minutes.
 
 #include <algorithm>
+#include <csignal>
 #include <cstdio>
 #include <new>
 #include <string>
@@ -92,6 +94,7 @@ std::string explain(const CLI::App& root, const CLI::ParseError& error, int argc
 int run(int argc, char** argv) {
   CLI::App app{"Neural Modular Physics: elastic bodies, learned and analytic", "nmp"};
   app.set_version_flag("--version", kVersion, "Print the version");
+  app.formatter(common::help_format());
   app.set_help_flag("-h,--help", "Print this help");
   app.footer(
       "Examples:\n"
@@ -108,7 +111,7 @@ int run(int argc, char** argv) {
       "  4  a simulation, training or gradient check that failed\n"
       "  5  reading or writing that failed\n"
       "  6  not enough memory\n"
-      "  129, 130, 143  stopped by SIGHUP, Ctrl-C, SIGTERM");
+      "  129, 130, 143  stopped by SIGHUP, Ctrl-C or --max-minutes, SIGTERM");
   app.require_subcommand(1);
   add_data(app);
   add_mesh(app);
@@ -150,7 +153,8 @@ int main(int argc, char** argv) {
     return nmp::run(argc, argv);
   } catch (const common::Interrupted& stop) {
     common::note(std::string("nmp: ") + stop.what());
-    return 128 + common::stop_signal();
+    const int signal = common::stop_signal();
+    return 128 + (signal != 0 ? signal : SIGINT);
   } catch (const std::bad_alloc&) {
     std::fputs("nmp: out of memory\n", stderr);
     return nmp::exit_code(std::bad_alloc());

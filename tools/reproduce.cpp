@@ -32,6 +32,22 @@ Path models_folder(const Options& o) {
   return shipped.empty() ? here : shipped;
 }
 
+// Runs with the folder of models; where none was named and none is there, an error tells where it
+// was looked for.
+template <class Run>
+auto with_models(const Options& o, const Run& run) {
+  const Path models = models_folder(o);
+  try {
+    return run(models);
+  } catch (const IoError& error) {
+    if (!o.models.empty() || std::filesystem::is_directory(models)) throw;
+    throw IoError(
+        text(error.what(),
+             "; the models that ship were looked for in ./models and in ../share/nmp/models from "
+             "the program's folder: name their folder with --models DIR"));
+  }
+}
+
 std::string cell_or_dash(const std::optional<double>& value) {
   return value ? common::number(*value) : "-";
 }
@@ -83,7 +99,6 @@ std::string to_std_text(const Table1& table) {
 
 void run(const Options& o, bool std_only) {
   Table1Options options;
-  options.models = models_folder(o);
   options.work = o.work;
   options.scenes = o.scenes;
   options.mesh_folders = {"."};
@@ -97,7 +112,10 @@ void run(const Options& o, bool std_only) {
   };
   options.warn = [](const std::string& what) { common::note("warning: " + what); };
   options.stop = common::stop_requested;
-  const Table1 table = reproduce_table1(options);
+  const Table1 table = with_models(o, [&](const Path& models) {
+    options.models = models;
+    return reproduce_table1(options);
+  });
   progress.clear();
   common::print(o.flags.json ? to_json(table) + "\n"
                 : std_only   ? to_std_text(table)
@@ -109,12 +127,8 @@ void add_common(CLI::App& command, Options& o, const std::string& scales) {
       .add_option("--models", o.models,
                   "Folder of SCENE.safetensors (default: ./models, else those installed)")
       ->type_name("DIR");
-  command.add_option("--scale", o.scale, scales)
-      ->check(CLI::IsMember({"smoke", "small", "paper"}))
-      ->capture_default_str();
-  command
-      .add_option("--work", o.work,
-                  "Folder where trajectories and models are made, and found again")
+  common::one_of(command.add_option("--scale", o.scale, scales), {"smoke", "small", "paper"});
+  command.add_option("--work", o.work, "Folder where trajectories and models are kept, and reused")
       ->type_name("DIR")
       ->capture_default_str();
   command.add_option("--meshes", o.meshes, "Folder that holds bob.msh and spot.msh")
@@ -134,7 +148,7 @@ void add_table1(CLI::App& parent, const std::string& name, const std::string& su
       ->delimiter(',')
       ->allow_extra_args(false);
   add_common(command, *o,
-             "smoke: 2 trajectories of 100 frames, small: 2 of 1000, paper: 8 of 1000");
+             "smoke: 2 trajectories of 100 frames; small: 2 of 1000; paper: 8 of 1000");
   command.callback([o, std_only] { run(*o, std_only); });
 }
 
@@ -151,7 +165,6 @@ void run_studies(const Options& o, const std::vector<StudyKind>& kinds) {
   options.scale = o.scale == "smoke"   ? Scale::smoke
                   : o.scale == "small" ? Scale::small
                                        : Scale::paper;
-  options.models = models_folder(o);
   options.work = o.work;
   options.mesh_folders = {"."};
   if (!o.meshes.empty()) options.mesh_folders.emplace_back(o.meshes);
@@ -166,7 +179,10 @@ void run_studies(const Options& o, const std::vector<StudyKind>& kinds) {
       progress.update((static_cast<double>(i) + part) / static_cast<double>(kinds.size()),
                       text(kinds[i].name, ": ", what));
     };
-    const Study study = kinds[i].run(options);
+    const Study study = with_models(o, [&](const Path& models) {
+      options.models = models;
+      return kinds[i].run(options);
+    });
     report = add_to_report(study, options.work);
     progress.clear();
     if (o.flags.json)
@@ -185,11 +201,11 @@ void add_studies(CLI::App& parent, const std::string& name, const std::string& s
                  const std::vector<StudyKind>& kinds, const char* example) {
   CLI::App& command = common::add_command(
       parent, name, summary,
-      "What is found becomes a section of WORK/report.html, beside those of earlier runs.",
-      {example});
+      "The results become a section of WORK/report.html, beside those of earlier runs.", {example});
   const auto o = std::make_shared<Options>();
   add_common(command, *o,
-             "smoke: does it work, small: 2 trajectories and short trainings, paper: 8");
+             "smoke: only shows that it works; small: 2 trajectories and short trainings; paper: 8 "
+             "trajectories");
   command.callback([o, kinds] { run_studies(*o, kinds); });
 }
 

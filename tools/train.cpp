@@ -10,6 +10,7 @@
 #include "common.h"
 #include "nmp/dataset.h"
 #include "nmp/model.h"
+#include "nmp/shipped.h"
 #include "nmp/train_config.h"
 #include "nmp/training_run.h"
 
@@ -69,6 +70,21 @@ std::string progress_text(const TrainResult& result) {
   return text("after ", last.iterations, " of ", last.planned, " steps of the stage ", last.stage);
 }
 
+// "stage 2 of 3, integration", of those that this run has.
+std::string stage_text(const TrainConfig& config, const std::string& chosen,
+                       const std::string& stage) {
+  Index n = 0, number = 0;
+  const auto add = [&](const char* name, const StageConfig& each) {
+    const bool runs = chosen == "all" ? each.iterations > 0 || each.epochs > 0 : chosen == name;
+    n += runs;
+    if (name == stage) number = n;
+  };
+  add("constitutive", config.constitutive);
+  add("integration", config.integrate);
+  add("joint", config.joint);
+  return text("stage ", number, " of ", n, ", ", stage);
+}
+
 void run(const Options& o) {
   // 1. What to learn, from what.
   TrainConfig config = read_train_config(o.config, o.flags.set);
@@ -91,9 +107,9 @@ void run(const Options& o) {
   options.train.stop = common::stop_requested;
   options.train.say = common::note;
   options.train.progress = [&](const TrainEvent& e) {
-    progress.update(
-        static_cast<double>(e.iteration + 1) / static_cast<double>(e.iterations),
-        text(e.stage, " ", e.iteration + 1, "/", e.iterations, "  loss ", number(e.loss)));
+    progress.rename(stage_text(config, o.stage, e.stage));
+    progress.update(static_cast<double>(e.iteration + 1) / static_cast<double>(e.iterations),
+                    text(e.iteration + 1, "/", e.iterations, "  loss ", number(e.loss)));
   };
   const TrainingRun run = run_training(config, dataset, o.out, options);
   progress.clear();
@@ -113,8 +129,7 @@ void run(const Options& o) {
   }
   if (complete) return;
   const std::string where = progress_text(run.result) + "; " + how_to_go_on(o);
-  if (common::stop_requested()) throw common::Interrupted("stopped " + where);
-  common::note("time is up " + where);
+  throw common::Interrupted((common::stop_requested() ? "stopped " : "time is up ") + where);
 }
 
 }  // namespace
@@ -124,38 +139,40 @@ void add_train(CLI::App& app) {
       app, "train", "Learn the stress law and the integrator from a dataset",
       "Writes the model and, beside it, its metrics: cube.safetensors, cube.metrics.jsonl.\n"
       "Ctrl-C, SIGTERM and --max-minutes save and say how to go on; the last two checkpoints\n"
-      "(cube.checkpoint-0.safetensors, -1) stay until the run is complete.",
+      "(cube.checkpoint-0.safetensors, -1) stay until the run is complete. Exit codes: 0 when it "
+      "is\n"
+      "complete, 130 after --max-minutes and Ctrl-C, 143 after SIGTERM.",
       {"nmp train fast --data data/cube -o cube.safetensors",
        "nmp train fast --data data/cube -o cube.safetensors --resume",
        "nmp train fast --data data/cube -o law.safetensors --stage constitutive --max-minutes 5",
        "nmp train fast --data data/cube --model law.safetensors --stage integration -o "
        "m.safetensors"});
   const auto o = std::make_shared<Options>();
-  train
-      .add_option(
-          "CONFIG", o->config,
-          "A TOML file, or a name that ships: fast, accurate, friction, nclaw, paper, positions, "
-          "transfer")
+  train.add_option("CONFIG", o->config, "A TOML file, or the name of a configuration that ships")
+      ->type_name(common::alternatives(shipped_config_names()) + "|FILE")
       ->required();
   train.add_option("--data", o->data, "Folder of the dataset")->type_name("DIR")->required();
   train.add_option("-o,--output", o->out, "File of the model")->type_name("FILE")->required();
-  train.add_option("--stage", o->stage, "Which part of the training")
-      ->check(CLI::IsMember({"constitutive", "integration", "joint", "all"}));
+  common::one_of(train.add_option("--stage", o->stage, "Which part of the training"),
+                 {"constitutive", "integration", "joint", "all"});
   CLI::Option* model =
-      train.add_option("--model", o->start, "Go on from this model: its architecture is kept")
+      train.add_option("--model", o->start, "Go on from this model, with its architecture")
           ->type_name("FILE");
   train
       .add_option("--law", o->law,
-                  "Give the new model the stress net of this one, as a fixed law beside which an "
-                  "integrator is trained")
+                  "Give the new model the stress net of this one, fixed while an integrator is "
+                  "trained")
       ->type_name("FILE")
       ->excludes(model);
-  train.add_option("--max-minutes", o->max_minutes, "Save and stop after so long; 0: no limit")
+  train
+      .add_option("--max-minutes", o->max_minutes,
+                  "Save and stop after this time, with exit code 130; 0: no limit")
       ->type_name("M")
       ->check(common::real_number(0, 1e6));
   CLI::Option* resume = train.add_flag(
       "--resume", o->resume,
-      "Go on where a run of the same settings stopped, bitwise; begins if there is none");
+      "Go on where a run of the same settings stopped, to the same bits; begins if there is "
+      "none");
   train
       .add_option("--checkpoint-minutes", o->checkpoint_minutes,
                   "Time between checkpoints; 0: after every step")
@@ -163,7 +180,7 @@ void add_train(CLI::App& app) {
       ->capture_default_str()
       ->check(common::real_number(0, 1e6));
   train.add_flag("--ignore-save-errors", o->ignore_save_errors,
-                 "Go on training if a checkpoint cannot be written, with a warning");
+                 "Warn and go on training if a checkpoint cannot be written");
   common::add_set(train, o->flags);
   common::add_seed(train, o->flags);
   common::add_force(train, o->flags)->excludes(resume);

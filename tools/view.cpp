@@ -12,6 +12,7 @@
 
 #include "base/file.h"
 #include "common.h"
+#include "fem/material.h"
 #include "nmp/player_html.h"
 
 namespace nmp {
@@ -84,9 +85,9 @@ void add_view(CLI::App& app) {
       "DIR:val/000; NAME=DATA gives it a name. With --data, its record comes first, then DATA, "
       "then\n"
       "what --methods make of it: LAW or LAW+INTEGRATOR. LAW is neural, neo-hookean, stvk,\n"
-      "projective or a model's file, INTEGRATOR neural, semi-implicit or a model's file. The "
-      "first\n"
-      "motion is what errors are counted from. The page needs no network.",
+      "projective or a model's file, INTEGRATOR neural, semi-implicit or a model's file. Errors "
+      "are\n"
+      "measured against the first motion. The page needs no network.",
       {"nmp view data/cube -o cube.html",
        "nmp view --data data/cube --model cube.safetensors -o cube.html",
        "nmp view --data data/cube --model cube.safetensors --methods neural,neo-hookean+neural -o "
@@ -102,7 +103,7 @@ void add_view(CLI::App& app) {
       ->type_name("DIR");
   common::add_split(view, o->split, "Which trajectories of a dataset");
   view.add_option("--trajectory", v.trajectories,
-                  "Which of them, from 0, after commas (default: 0)")
+                  "Which of them, counted from 0, separated by commas (default: 0)")
       ->type_name("K,...")
       ->default_str("")
       ->delimiter(',')
@@ -111,7 +112,8 @@ void add_view(CLI::App& app) {
   view.add_option("--model", o->model, "File of the model that neural modules are of")
       ->type_name("FILE");
   view.add_option("--methods", v.methods,
-                  "Pairings of modules to roll out, after commas (default: neural, with --model)")
+                  "Pairings of modules to roll out, separated by commas (default: neural, with "
+                  "--model)")
       ->type_name("LAW+INTEGRATOR,...")
       ->default_str("")
       ->delimiter(',')
@@ -119,13 +121,15 @@ void add_view(CLI::App& app) {
   view.add_option("--frames", v.frames, "Frames of the first motion to show; 0: all")
       ->type_name("N")
       ->check(common::whole_number(0, 100'000'000));
-  view.add_option(
-          "--stress", v.stress,
-          "Law of the stresses that are shown (default: dataset, the one that made the data)")
-      ->check(CLI::IsMember({"dataset", "none", "neural", "neo-hookean", "stvk", "projective"}));
+  std::vector<std::string> laws{"dataset", "none", "neural"};
+  laws.insert(laws.end(), fem::law_names().begin(), fem::law_names().end());
+  common::one_of(view.add_option("--stress", v.stress,
+                                 "Law of the stresses that are shown; dataset: the one that made "
+                                 "the data"),
+                 laws);
   view.add_option("--title", o->title, "Title of the page (default: the scene's name)");
   view.add_option("--player-megabytes", o->player_megabytes,
-                  "Size of the page up to which it takes frames (default: 12)")
+                  "Largest size of the page, which limits the frames in it")
       ->type_name("MB")
       ->check(common::real_number(0.1, 1000));
   common::add_force(view, o->flags);

@@ -94,11 +94,7 @@ Lattice lattice_around(const RawSurface& surface, double cell) {
 // Compares the outside of the mesh with the surface, at places that separate inside from outside.
 void measure(const RepairedSurface& surface, const SurfaceSolid& solid, FilledSurface& filled) {
   const Surface skin = extract_surface(filled.mesh.tets);
-  Matrix<double> vertices(static_cast<Index>(skin.vertices.size()), 3);
-  for (Index v = 0; v < vertices.rows(); ++v) {
-    vertices.row(v) = filled.mesh.vertices.row(skin.vertices[static_cast<std::size_t>(v)]);
-  }
-  const TriangleTree tree(vertices, skin.triangles);
+  const TriangleTree tree(on_surface(filled.mesh.vertices, skin), skin.triangles);
   const auto& x = surface.surface.vertices;
   const double step = kBeside * (x.colwise().maxCoeff() - x.colwise().minCoeff()).norm();
   const std::vector<SurfacePoint> points = sample_surface(x, surface.surface.triangles, kSamples);
@@ -121,9 +117,18 @@ void measure(const RepairedSurface& surface, const SurfaceSolid& solid, FilledSu
   filled.lost_area = n > 0 ? static_cast<double>(n_far) / static_cast<double>(n) : 0;
 }
 
+// What makes the cells smaller, by the option that set their size.
+std::string how_finer(const RawSurface& surface, double cell, const FillOptions& options) {
+  if (options.size > 0) return "use a finer lattice: lower --size";
+  if (options.resolution > 0)
+    return text("use a finer lattice: raise --resolution above ",
+                std::max(1.0, std::ceil(longest_side(surface) / cell - 1e-9)));
+  return text("use a finer lattice: raise --vertices above ", options.vertices);
+}
+
 double percent(double part) { return std::round(1000 * part) / 10; }
 
-void warn(const RepairedSurface& surface, const std::string& longest, FilledSurface& filled) {
+void warn(const RepairedSurface& surface, const std::string& remedy, FilledSurface& filled) {
   const BodyParts& parts = filled.parts;
   const auto add = [&](const std::string& words) { filled.warnings.push_back(words); };
   if (filled.distance > kLost) {
@@ -131,13 +136,13 @@ void warn(const RepairedSurface& surface, const std::string& longest, FilledSurf
     add(text("thin parts are lost: ", percent(filled.lost_area),
              " % of the surface is more than a cell away from the mesh, at most ",
              std::round(10 * filled.distance) / 10, " cells at (", x(0), ", ", x(1), ", ", x(2),
-             "); ", longest));
+             "); ", remedy));
   }
   const double volume = surface.findings.volume;
   if (surface.findings.closed() && surface.findings.count(SurfaceDefect::crossing) == 0 &&
       std::abs(filled.volume - volume) > kVolumeOff * volume) {
     add(text("the mesh has ", percent(filled.volume / volume), " % of the surface's volume; ",
-             longest));
+             remedy));
   }
   if (parts.n_crumbs > 0) {
     add(text(parts.n_crumbs, parts.n_crumbs == 1 ? " part" : " parts", " of the mesh with ",
@@ -182,13 +187,12 @@ FilledSurface fill(const RepairedSurface& surface, const FillOptions& options,
   filled.lattice = lattice_around(raw, cell);
   const SurfaceSolid solid(raw, cell, options.poll);
   filled.mesh = stuff(filled.lattice, solid);
-  const std::string remedy =
-      text("raise --resolution above ", std::max(1.0, std::ceil(longest_side(raw) / cell - 1e-9)));
+  const std::string remedy = how_finer(raw, cell, options);
   if (filled.mesh.tets.rows() > 0)
     filled.parts = one_body(filled.mesh, kApart * cell, options.crumb);
   if (filled.mesh.tets.rows() == 0) {
     throw InputError(text(name, ": expected a body that cells of ", cell,
-                          " can fill, found nothing thick enough: ", remedy));
+                          " can fill, found nothing thick enough; ", remedy));
   }
   filled.volume = TetMesh<double>(filled.mesh.vertices, filled.mesh.tets).total_volume();
   measure(surface, solid, filled);

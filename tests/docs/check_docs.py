@@ -53,10 +53,9 @@ def pieces(text):
 def nmp_commands(script):
     """The nmp commands of a script, each as its words; comments and continuations are understood."""
     for line in script.replace("\\\n", " ").split("\n"):
-        try:
-            words = shlex.split(line, comments=True)
-        except ValueError:
+        if "nmp" not in line:
             continue
+        words = shlex.split(line, comments=True)
         for k, word in enumerate(words):
             if word == "nmp" and (k == 0 or words[k - 1] in ("&&", "|", ";", "time", "then")):
                 rest = words[k + 1:]

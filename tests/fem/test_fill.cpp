@@ -105,10 +105,15 @@ TEST_SUITE("fem/fill") {
     const std::string refused =
         test::message<InputError>([&] { fill(repair(oblique, "s.stl"), options, "s.stl"); });
     CHECK(contains(refused, "s.stl: expected a body that cells of 0.2"));
-    CHECK(contains(refused, "raise --resolution above 5"));
+    CHECK(contains(refused, "use a finer lattice: raise --resolution above 5"));
+    options.size = 0.2;
+    CHECK(contains(test::message<InputError>([&] { fill(repair(oblique, "s"), options, "s"); }),
+                   "use a finer lattice: lower --size"));
+    options.size = 0;
     options.resolution = 30;
     const FilledSurface pieces = fill(repair(oblique, "s.stl"), options, "s.stl");
-    CHECK(warns(pieces, "of the surface's volume; raise --resolution above 30"));
+    CHECK(
+        warns(pieces, "of the surface's volume; use a finer lattice: raise --resolution above 30"));
     // A body with a fin that is lost.
     const RawSurface finned = both(box(1, 1, 1), moved(box(1, 0.01, 0.9), {0.95, 0.437, 0.05}));
     const FilledSurface body = filled(finned, 10);

@@ -85,7 +85,7 @@ TEST_SUITE("fem/surface_check") {
     CHECK(repaired.surface.triangles.rows() == 12);
     CHECK(repaired.surface.vertices.rows() == 8);
     CHECK(check_surface(repaired.surface).volume == doctest::Approx(1));
-    CHECK(contains(repaired.warnings[3], "1 triangle shows its back beside its neighbours (7)"));
+    CHECK(contains(repaired.warnings[3], "1 triangle is oriented against its neighbours (7)"));
     check_repaired(surface);
   }
 

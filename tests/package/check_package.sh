@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # The packages of tools/package on a clean root: nothing there but what they hold.
-#   check_package.sh DIST
+#   check_package.sh DIST [LEVEL...]   that was built by tools/package --levels "LEVEL..."
 # Needs to be root, or user namespaces (unshare), for chroot.
 set -euo pipefail
 dist=$(realpath "$1")
+levels=("${@:2}")
 work=$(mktemp -d)
 trap 'umount "$work/root/proc" 2>/dev/null || true; rm -rf "$work"' EXIT
 fail() { echo "check_package: $*" >&2; exit 1; }
@@ -40,17 +41,20 @@ rm -rf root && mkdir root
 dpkg-deb -x "$dist/$deb" root
 inside /usr/bin/nmp --version
 # Where /proc tells the program where it is, it starts the build for this processor.
+for level in "${levels[@]}"; do
+  [ -x "root/usr/libexec/nmp/nmp-$level" ] || fail "the package lacks nmp-$level"
+  [ -n "$(find root/usr/lib -path "*/glibc-hwcaps/$level/libnmp.so.*")" ] ||
+    fail "the package lacks libnmp.so for $level"
+done
 mkdir root/proc
 if [ "$(id -u)" = 0 ] && mount -t proc proc root/proc 2>/dev/null; then
-  for program in root/usr/libexec/nmp/nmp-*; do
-    [ -e "$program" ] || break
-    level=${program#root/usr/libexec/nmp/nmp-}
+  for level in "${levels[@]}"; do
     if NMP_CPU=$level inside /usr/bin/nmp --version >version 2>error; then
       grep -q " $level\$" version || fail "NMP_CPU=$level started $(cat version)"
       echo "$(cat version): started"
       best=$level
     else
-      grep -q 'which this processor is not' error || fail "$(cat error)"
+      grep -q 'which this processor does not support' error || fail "$(cat error)"
       echo "SKIPPED: $level, this processor is none"
     fi
   done

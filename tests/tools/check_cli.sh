@@ -13,6 +13,7 @@ for command in data "data gen" "data import" "data info" "data verify" train rol
   "config scene" "config train" help completion; do
   # shellcheck disable=SC2086
   expect 0 $command --help && prints "Example"
+  grep -qE '\[\]|=.* REQUIRED' stdout && complain "nmp $command --help has empty or needless defaults"
   grep -q '^  nmp ' stdout || complain "nmp $command --help has no example line"
 done
 
@@ -198,11 +199,14 @@ expect 0 data import f0/frames.pvd f1/frames.pvd --validation frames/frames.pvd 
 expect 0 data verify imported && prints "5 files, nothing wrong"
 expect 0 data info imported && prints "law unknown"
 expect 2 data import f0/frames.pvd f1/frames.pvd "${around[@]}" -o imported && says "--force"
-expect 0 data import f0/frames.pvd f1/frames.pvd --force --scene d/scene.toml -o imported
+expect 0 data import f0/frames.pvd f1/frames.pvd --force --scene d/scene.toml -o imported &&
+  says "no validation trajectory" && says "--validation"
 cmp <(tail -c 1944 imported/train/001.safetensors) <(tail -c 1944 d/train/001.safetensors) ||
   complain "the last states came back changed"
 expect 0 train fast --data imported -o i.safetensors "${quick[@]}"
 expect 2 data import f0/frames.pvd -o new && says "--gravity"
+expect 2 data import f0/frames.pvd --gravity 9.8 --ground 0 -o new &&
+  says "--gravity: expected X,Y,Z, found 1 number"
 expect 2 data import f0/frames.pvd "${around[@]}" --E 1e5 -o new && says "--law"
 expect 2 data import f0/frames.pvd "${around[@]}" --law stvk -o new && says "--E and --nu"
 expect 0 data import f0/frames.pvd --gravity 0,-9.8,0 --ground 0 -o sideways && says "after --up"
@@ -235,10 +239,40 @@ expect 0 help studies && prints "nmp reproduce"
 ! grep -q -e '<!--' -e '^```sh ' stdout || complain "nmp help shows what only a test reads"
 expect 2 help formast && says "did you mean formats"
 expect 0 completion bash && cp stdout completion
-bash -c 'source ./completion; COMP_WORDS=(nmp data ver); COMP_CWORD=2; _nmp
-  [ "${COMPREPLY[*]}" = verify ]
-  COMP_WORDS=(nmp train --check); COMP_CWORD=2; _nmp
-  [ "${COMPREPLY[*]}" = --checkpoint-minutes ]' || complain "completion does not complete"
+# completes WANTED WORDS...: what is offered for the last of the words; nothing: files and folders.
+completes() {
+  local wanted=$1 found
+  shift
+  # shellcheck disable=SC2016
+  found=$(bash -uc 'source ./completion; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _nmp
+    echo "${COMPREPLY[*]}"' _ nmp "$@" 2>&1)
+  [ "$found" = "$wanted" ] || complain "nmp $*: completed by '$found', expected '$wanted'"
+}
+completes verify data ver
+completes "gen import info verify" data ''
+completes "accurate fast friction nclaw paper positions transfer" train ''
+completes fast train --data d --max-minutes 5 fa
+completes "accurate fast friction nclaw paper positions transfer" config train ''
+completes "bob cube cubexl friction spot" data gen ''
+completes cube config scene cube
+completes '' data gen cube ''
+completes '' data gen cube -o ''
+completes '' train fast --data ''
+completes --checkpoint-minutes train --check
+completes "constitutive integration joint all" train fast --stage ''
+completes joint train fast --stage = j
+completes "bob cube cubexl friction spot" data gen --set time.frames = 20 ''
+completes "neural neo-hookean" rollout --constitutive ne
+completes semi-implicit rollout --integrator s
+completes "val validation" eval --split va
+completes "vtu obj pc2" export --format ''
+completes "builtin tetgen gmsh" mesh tet body.stl --mesher ''
+completes "y z" mesh check --up ''
+completes projective fit --law p
+completes none view d --stress no
+completes "bash zsh" completion ''
+completes formats help fo
+completes "table1 trajectories transfer" reproduce t
 expect 2 completion tcsh && says "bash"
 
 # What the weights say.
@@ -265,6 +299,7 @@ expect 0 "${table[@]}" && prints "paper" && prints "verdict"
 expect 0 reproduce std --models shipped --scenes cube --scale smoke && prints "0.01"
 expect 2 reproduce table1 --scenes cub && says "cubexl"
 expect 2 reproduce && says "table1"
+expect 5 reproduce table1 --scenes cube --scale smoke --work none && says "--models DIR" && says "./models"
 expect 5 reproduce table1 --models shipped && says "shipped/cubexl.safetensors"
 expect 2 reproduce table1 --scale tiny && says "smoke"
 cp m.safetensors shipped/bob.safetensors
@@ -324,5 +359,14 @@ wait $pid
 says "nmp train fast --data d -o s.safetensors --resume"
 [ -s s.safetensors ] && [ -s s.metrics.jsonl ] && [ -s s.checkpoint-1.safetensors ] ||
   complain "an interrupted training saved nothing"
+
+# 7. So does the end of the time that it was given.
+"$nmp" train fast --data d -o t.safetensors "${quick[@]}" --max-minutes 0.01 \
+  --set train.constitutive.iterations=100000000 >stdout 2>stderr
+[ $? -eq 130 ] || complain "a training whose time is up does not end with 130"
+says "time is up after" && says "nmp train fast --data d -o t.safetensors --resume"
+[ -s t.safetensors ] && [ -s t.metrics.jsonl ] && compgen -G 't.checkpoint-*' >/dev/null ||
+  complain "a training whose time is up saved nothing"
+expect 0 model info t.safetensors --json && prints "stopped early"
 
 finish "all as promised"

@@ -69,8 +69,8 @@ expect 2 mesh convert body.node out.stl && says "'nmp mesh surface'"
 expect 2 mesh convert cube.stl out.msh && says "'nmp mesh tet'"
 expect 2 mesh convert cube.stl out.ply --gmsh2
 expect 2 mesh tet cube.stl && says "output"
-expect 2 mesh tet body.node -o x.msh && says ".obj, .stl or .ply"
-expect 2 mesh tet cube.stl -o x.stl
+expect 2 mesh tet body.node -o x.msh && says ".obj, .stl or .ply" && says "nmp data gen --mesh"
+expect 2 mesh tet cube.stl -o x.stl && says "the output is a mesh of tetrahedra"
 expect 2 mesh tet cube.stl -o x.msh --size 1 --resolution 3
 expect 2 mesh tet cube.stl -o x.msh --resolution 0
 expect 2 mesh tet cube.stl -o x.msh --mesher cgal
@@ -92,7 +92,7 @@ expect 0 mesh info body.ele --json && is_json && prints '"n_vertices": 5'
 expect 0 mesh info body.ele --json --no-step && prints '"stable_time_step": null'
 expect 0 mesh info body.ele --scale 0.1 --up y --json && prints '0.1500000'
 expect 3 mesh info flat.node && says "1 tet is flat (0)" && silent
-expect 0 mesh check body.node && prints "repaired: 1 tet is inverted (1)"
+expect 0 mesh check body.node && prints "can be repaired (--fix OUT): 1 tet is inverted (1)"
 expect 0 mesh check body.node --json && is_json && prints '"usable": true'
 expect 3 mesh check flat.node && prints "refused: 1 tet is flat (0)" && says "cannot be simulated"
 expect 3 mesh check flat.node --json && is_json && prints '"usable": false'
@@ -116,7 +116,8 @@ expect 2 mesh convert good.msh x.node --binary && says "text only"
 expect 2 mesh convert good.msh step8.ele && says "step8.node: already exists"
 
 # 4. Repair of a mesh, boxes, surfaces and back to a mesh.
-expect 0 mesh check body.node --fix fixed.msh && prints "repaired: 1 tet is inverted (1)"
+expect 0 mesh check body.node --fix fixed.msh && prints "fixed.msh: written"
+grep -q "^repaired: 1 tet is inverted (1)" stdout || complain "check --fix does not say what is repaired"
 cmp -s good.msh fixed.msh || complain "check --fix and convert --fix differ"
 expect 2 mesh check body.node --fix fixed.msh && says "--force" && silent
 expect 3 mesh check flat.node --fix no.msh
@@ -169,7 +170,7 @@ expect 0 mesh check cube.obj --json && is_json && prints '"closed": true' && pri
 prints "6 polygons are cut into triangles"
 expect 0 mesh tet cube.obj -o cube.msh --resolution 4 && prints "1 m3" && says "6 polygons"
 sed -i 's/^f 3 4 8 7$/f 7 8 4 3/' cube.obj
-expect 0 mesh check cube.obj --fix mended.ply && prints "2 triangles show their backs" && prints "(8, 9): turned"
+expect 0 mesh check cube.obj --fix mended.ply && prints "2 triangles are oriented against" && prints "(8, 9): turned"
 expect 0 mesh check mended.ply && prints "nothing wrong"
 sed -i '/^f 7 8 4 3$/d' cube.obj
 expect 0 mesh check cube.obj && prints "warning: 4 triangles have an edge that no other has"
@@ -187,6 +188,7 @@ expect 3 mesh tet cut.stl -o no.msh && says "cut.stl:3: expected normal"
 expect 0 mesh box -o plate.msh --size 1,1,0.001 --cells 4,4,1
 expect 0 mesh surface plate.msh -o plate.stl
 expect 3 mesh tet plate.stl -o no.msh --resolution 3 && says "raise --resolution above 3" && silent
+expect 3 mesh tet plate.stl -o no.msh --size 0.34 && says "lower --size"
 [ ! -e no.msh ] && [ ! -e no.ply ] || complain "a refused surface left a file"
 
 # 6. Meshers that are installed, that fail, that are not there.
@@ -219,6 +221,10 @@ expect 0 data gen --mesh body.node -o d "${tiny[@]}" && prints "5 vertices, 2 te
 says "warning: body.node: 1 tet is inverted (1)"
 grep -q '^name = "body"$' d/scene.toml || complain "the scene is not named after the mesh"
 expect 0 data gen --mesh ./body.node -o d "${tiny[@]}"
+expect 0 data gen --mesh body.node -o scaled "${tiny[@]}" --scale 0.5 --up y
+grep -q '^scale = 0.5' scaled/scene.toml && grep -q '^up = "y"' scaled/scene.toml ||
+  complain "--scale and --up of data gen are not in the scene"
+expect 2 data gen cube -o q --scale 0.5 && says "--mesh"
 cp body.node kept && sed -i 's/1.5$/1.75/' body.node
 expect 2 data gen --mesh body.node -o d "${tiny[@]}" && says "holds data of another mesh: body.node"
 cp kept body.node
