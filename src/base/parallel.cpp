@@ -60,9 +60,9 @@ class FirstFailure {
 
 // How many threads of a team can be had: OpenMP ends the process if it cannot start one.
 int startable(int team) {
-  thread_local int started = 1, most = std::numeric_limits<int>::max();  // of this thread's teams
+  thread_local int started = 1, most = std::numeric_limits<int>::max();  // of this thread's team
   team = std::min(team, most);
-  if (team <= started) return team;
+  if (team <= started) return started = team;
   std::vector<std::thread> others;
   std::promise<void> all_there;
   const std::shared_future<void> wait = all_there.get_future().share();
@@ -79,11 +79,13 @@ int startable(int team) {
   return started = std::min(n, most);
 }
 
+// The same team for any number of ranges: GNU's OpenMP ends the threads that a smaller one leaves
+// over, and a larger one must start them again.
 int team_for(std::ptrdiff_t n_ranges) {
   static const bool watched = [] {
     return pthread_atfork(nullptr, nullptr, [] { forked = true; }) == 0;
   }();
-  const int team = static_cast<int>(std::min<std::ptrdiff_t>(threads(), n_ranges));
+  const int team = n_ranges > 1 ? threads() : 1;
   if (team == 1 || inside_chunk || omp_in_parallel() || forked || !watched) return 1;
   return startable(team);
 }

@@ -8,6 +8,8 @@
 #include "nmp/recorded.h"
 
 using namespace nmp;
+using test::contains;
+using test::get;
 
 TEST_SUITE("nmp/trajectory_file") {
   TEST_CASE("a trajectory file by itself tells its frames and times, or is refused") {

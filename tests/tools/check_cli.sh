@@ -254,7 +254,7 @@ completes "accurate fast friction nclaw paper positions transfer" train ''
 completes fast train --data d --max-minutes 5 fa
 completes "accurate fast friction nclaw paper positions transfer" config train ''
 completes "bob cube cubexl friction spot" data gen ''
-completes cube config scene cube
+completes "cube cubexl" config scene cube
 completes '' data gen cube ''
 completes '' data gen cube -o ''
 completes '' train fast --data ''
