@@ -36,6 +36,8 @@ void run(const Options& o) {
   Evaluation evaluation = evaluate(model, dataset, options);
   evaluation.model = o.model;
   progress.clear();
+  for (const std::string& words : misfits(model.info, dataset.manifest(), evaluation))
+    common::note("warning: " + words);
   common::print(o.flags.json ? to_json(evaluation) + "\n" : to_table(evaluation));
 }
 

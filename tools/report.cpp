@@ -40,6 +40,9 @@ std::string evaluate_here(const Options& o, Model<float>& model, const Dataset& 
   };
   Evaluation evaluation = evaluate(model, dataset, options);
   evaluation.model = o.model;
+  progress.clear();
+  for (const std::string& words : misfits(model.info, dataset.manifest(), evaluation))
+    common::note("warning: " + words);
   return to_json(evaluation);
 }
 

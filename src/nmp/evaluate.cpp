@@ -238,6 +238,17 @@ Evaluation evaluate(Model<float>& model, const Dataset& dataset, const EvaluateO
   return result;
 }
 
+std::vector<std::string> misfits(const ModelInfo& info, const Manifest& manifest,
+                                 const Evaluation& evaluation) {
+  constexpr double kOtherMaterial = 0.2;
+  std::vector<std::string> found;
+  if (const std::string words = step_misfit(info, manifest); !words.empty()) found.push_back(words);
+  if (evaluation.force_error > kOtherMaterial)
+    found.push_back(text("the learned law's forces are ", std::round(100 * evaluation.force_error),
+                         " % off the recorded ones: it has learned another material"));
+  return found;
+}
+
 namespace {
 
 using Json = nlohmann::ordered_json;

@@ -18,8 +18,8 @@ std::vector<Index> default_horizons(Index frames);
 
 struct EvaluateOptions {
   std::vector<Index> horizons;  // empty: default_horizons of what all trajectories have
-  bool train_split = false;  // evaluate on the training trajectories instead
-  Index trajectories = 0;    // the first so many; 0 for all
+  bool train_split = false;     // evaluate on the training trajectories instead
+  Index trajectories = 0;       // the first so many; 0 for all
   /// Names of the methods to run, see below; empty for all that the dataset allows.
   std::vector<std::string> methods;
   std::function<void(const std::string&, Index done, Index all)> progress;
@@ -51,6 +51,11 @@ struct Evaluation {
   double force_error = 0;
   ModuleErrors modules;  // of both modules along the truth; empty if no force was recorded
 };
+
+/// What says that a model is used on what it was not made for: another step, or another material.
+/// @param evaluation  of the model on that dataset; its force error tells
+std::vector<std::string> misfits(const ModelInfo& info, const Manifest& manifest,
+                                 const Evaluation& evaluation);
 
 /// Methods, the learned ones and "affine_only" in the model's own steps per frame: "neural" (both
 /// modules of the model), "neural_law" (with semi-implicit Euler), "neural_integrator" (with the

@@ -87,9 +87,8 @@ Replay replay_as(const Dataset& dataset, const ReplayOptions& o) {
   const Index substeps =
       neural_integrator(o) ? model->info.substeps : count_substeps(manifest.h, o.dt);
   const double step = manifest.h / static_cast<double>(substeps);
-  if (neural_integrator(o) && o.warn && std::abs(model->info.h - manifest.h) > 1e-9 * manifest.h)
-    o.warn(text("the model was trained at h = ", model->info.h, " s, this dataset has ", manifest.h,
-                " s"));
+  if (neural_integrator(o) && o.warn)
+    if (const std::string words = step_misfit(model->info, manifest); !words.empty()) o.warn(words);
 
   if (o.warn && !neural_integrator(o) && (analytic || manifest.law_known)) {
     const double limit = fem::stable_time_step(

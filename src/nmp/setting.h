@@ -1,7 +1,10 @@
 #pragma once
 
+#include <cmath>
 #include <memory>
+#include <string>
 
+#include "base/check.h"
 #include "fem/boundary.h"
 #include "fem/laws.h"
 #include "fem/semi_implicit_euler.h"
@@ -10,6 +13,12 @@
 #include "nmp/rollout.h"
 
 namespace nmp {
+
+/// What says that a model was trained at another time between frames; empty if it was not.
+inline std::string step_misfit(const ModelInfo& info, const Manifest& manifest) {
+  if (std::abs(info.h - manifest.h) <= 1e-9 * manifest.h) return "";
+  return text("the model was trained at h = ", info.h, " s, this dataset has ", manifest.h, " s");
+}
 
 /// The body of a dataset in its surroundings, in Real, and the analytic modules of its world: what
 /// a rollout needs besides learned modules.

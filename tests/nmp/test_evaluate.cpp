@@ -291,6 +291,24 @@ TEST_SUITE("nmp/evaluate") {
     CHECK(calls == 4);
   }
 
+  TEST_CASE("another step or another material than a model's is told") {
+    const Dataset& data = test::tiny_dataset(60, 1, 3);
+    Model<float> model = tiny_model(data);
+    Evaluation evaluation;
+    evaluation.force_error = 0.01;
+    ModelInfo info = model.info;
+    info.h = data.manifest().h;
+    CHECK(misfits(info, data.manifest(), evaluation).empty());
+    evaluation.force_error = std::nan("");  // no force is recorded
+    CHECK(misfits(info, data.manifest(), evaluation).empty());
+    info.h *= 2;
+    evaluation.force_error = 4.02;
+    const std::vector<std::string> found = misfits(info, data.manifest(), evaluation);
+    REQUIRE(found.size() == 2);
+    CHECK(contains(found[0], "trained at h = 0.001 s"));
+    CHECK(contains(found[1], "402 %"));
+  }
+
   TEST_CASE("refuses unknown methods and horizons outside the recording") {
     const Dataset& data = test::tiny_dataset(60, 1, 3);
     Model<float> model = tiny_model(data);
