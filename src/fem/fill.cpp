@@ -17,8 +17,6 @@ using Vec = Vec3<double>;
 
 constexpr double kOnSurface = 1e-6;  // of a cell
 constexpr double kApart = 1e-3;      // of a cell: parts that met in a vertex
-constexpr Index kSamples = 1024;     // of the area
-constexpr double kBeside = 1e-6;     // of the diagonal
 constexpr double kLost = 1.25;       // cells: sharp edges are cut off by up to one
 constexpr double kVolumeOff = 0.1;   // of the surface's volume: worth a warning
 
@@ -96,8 +94,9 @@ void measure(const RepairedSurface& surface, const SurfaceSolid& solid, FilledSu
   const Surface skin = extract_surface(filled.mesh.tets);
   const TriangleTree tree(on_surface(filled.mesh.vertices, skin), skin.triangles);
   const auto& x = surface.surface.vertices;
-  const double step = kBeside * (x.colwise().maxCoeff() - x.colwise().minCoeff()).norm();
-  const std::vector<SurfacePoint> points = sample_surface(x, surface.surface.triangles, kSamples);
+  const double step = kBesideSurface * (x.colwise().maxCoeff() - x.colwise().minCoeff()).norm();
+  const std::vector<SurfacePoint> points =
+      sample_surface(x, surface.surface.triangles, kSurfaceSamples);
   std::vector<double> distance(points.size(), -1);
   parallel_chunks(static_cast<Index>(points.size()), 64, [&](Index begin, Index end) {
     for (auto k = static_cast<std::size_t>(begin); k < static_cast<std::size_t>(end); ++k) {

@@ -20,8 +20,6 @@ constexpr std::size_t kShown = 10;  // ids of a finding in a message
 constexpr double kExtreme = 1e100;  // coordinates whose squares and cubes are still numbers
 constexpr double kFarAway = 1e9;    // coordinates over the diagonal: seven digits are left
 constexpr double kMostOpen = 0.15;  // openness of a body
-constexpr Index kSamples = 1024;    // of the area
-constexpr double kBeside = 1e-6;    // of the diagonal: how far beside it a sample is
 
 struct Row {
   SurfaceDefect defect;
@@ -243,7 +241,7 @@ class Survey {
   // Winding numbers close to a place on the surface, on its front and its back.
   std::pair<double, double> beside(const TriangleTree& tree, const Vec3<double>& x,
                                    const Vec3<double>& normal) const {
-    const Vec3<double> step = kBeside * diagonal_ * normal;
+    const Vec3<double> step = kBesideSurface * diagonal_ * normal;
     return {tree.winding_number(x + step), tree.winding_number(x - step)};
   }
 
@@ -278,7 +276,7 @@ class Survey {
       return refuse(SurfaceDefect::no_triangle);
     }
     const std::vector<SurfacePoint> points =
-        sample_surface(result.vertices, result.triangles, kSamples);
+        sample_surface(result.vertices, result.triangles, kSurfaceSamples);
     std::vector<double> distance(points.size());
     std::vector<char> separates(points.size(), 0);
     parallel_for(static_cast<Index>(points.size()), [&](Index k) {
@@ -287,7 +285,7 @@ class Survey {
       distance[i] = (std::abs(front - std::round(front)) + std::abs(back - std::round(back))) / 2;
       separates[i] = (front > 0.5) != (back > 0.5);
     });
-    for (const double d : distance) findings.openness += d / kSamples;
+    for (const double d : distance) findings.openness += d / kSurfaceSamples;
     const bool encloses = std::count(separates.begin(), separates.end(), 1) > 0;
     if (findings.openness > kMostOpen || !encloses) refuse(SurfaceDefect::sheet);
   }

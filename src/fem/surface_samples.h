@@ -7,6 +7,10 @@
 
 namespace nmp::fem {
 
+/// How many samples tell a surface's properties, and how far beside it they look, in diagonals.
+constexpr Index kSurfaceSamples = 1024;
+constexpr double kBesideSurface = 1e-6;
+
 /// A place on a surface.
 struct SurfacePoint {
   Index triangle = 0;

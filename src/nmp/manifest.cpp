@@ -16,7 +16,7 @@
 namespace nmp {
 namespace {
 
-using Json = nlohmann::json;
+using ParsedJson = nlohmann::json;
 using OrderedJson = nlohmann::ordered_json;
 
 constexpr const char* kFormat = "nmp-dataset";
@@ -26,7 +26,7 @@ constexpr std::size_t kMaxRecords = 200'000;  // as many as a scene may ask for
 // A value of the manifest and where it stands there.
 class Entry {
  public:
-  Entry(const Json& value, const std::string& file, const std::string& place)
+  Entry(const ParsedJson& value, const std::string& file, const std::string& place)
       : value_(value), file_(file), place_(place) {}
 
   Entry operator[](const std::string& key) const {
@@ -99,7 +99,7 @@ class Entry {
   }
 
  private:
-  const Json& value_;
+  const ParsedJson& value_;
   const std::string& file_;
   std::string place_;
 };
@@ -132,18 +132,18 @@ void check_own_checksum(const Entry& checksum, const std::string& content) {
                   " (it is damaged, or was edited: then write null in its place)");
 }
 
-Json parse_json(const std::string& content, const std::string& file) {
+ParsedJson parse_json(const std::string& content, const std::string& file) {
   JsonLimits limits;
   limits.values = 12 * kMaxRecords;
   check_json_text(content, file, limits);
   try {
-    return Json::parse(content);
-  } catch (const Json::parse_error& error) {
+    return ParsedJson::parse(content);
+  } catch (const ParsedJson::parse_error& error) {
     const std::size_t end = std::min(error.byte, content.size());
     const auto begin = content.begin();
     const auto line = 1 + std::count(begin, begin + static_cast<std::ptrdiff_t>(end), '\n');
     refuse(file, text("line ", line), "JSON text in UTF-8", in_quotes(error.what()));
-  } catch (const Json::exception& error) {
+  } catch (const ParsedJson::exception& error) {
     refuse(file, "text", "JSON", in_quotes(error.what()));
   }
 }
@@ -265,7 +265,7 @@ Manifest read_manifest(const Path& path) {
 }
 
 Manifest parse_manifest(const std::string& content, const std::string& file) {
-  const Json json = parse_json(content, file);
+  const ParsedJson json = parse_json(content, file);
   const Entry root(json, file, "");
   if (root["format"].word() != kFormat) {
     root["format"].fail(text("\"", kFormat, "\""));

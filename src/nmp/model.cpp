@@ -12,7 +12,7 @@ namespace nmp {
 
 namespace {
 
-using Json = nlohmann::json;
+using ParsedJson = nlohmann::json;
 
 constexpr const char* kFormat = "nmp-model";
 constexpr int kVersion = 1;
@@ -20,7 +20,7 @@ constexpr int kVersion = 1;
 // A scalar as JSON, or a list of them.
 template <class T>
 std::string as_json(const T& value) {
-  return Json(value).dump();
+  return ParsedJson(value).dump();
 }
 template <class T>
 std::string as_json(const std::vector<T>& list) {
