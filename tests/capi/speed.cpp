@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "base/parallel.h"
 #include "fem/mesh_cube.h"
 #include "nmp/bench_case.h"
 #include "nmp/bench_samples.h"
@@ -54,6 +55,7 @@ int run() {
   desc.has_ground = simulation.boundary.ground.has_value();
   if (desc.has_ground) desc.ground = static_cast<double>(*simulation.boundary.ground);
   check(nmp_set_threads(1));
+  set_threads(1);  // libnmp.a has its own
   check(nmp_mesh_from_arrays(vertices.data(), vertices.size() / 3, tets.data(), tets.size() / 4,
                              &mesh));
   check(nmp_model_load(path.c_str(), &model));
